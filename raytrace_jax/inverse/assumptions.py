@@ -14,6 +14,9 @@ FAR_SIGNIFICANT = 3.0
 """Score above which correlation of distant pixels is structure, not noise. Noise alone reached 2.2 at most in the draws
 for `model_check.SIGNIFICANT`."""
 
+WHAT_IF = 1e-3
+"""Fraction of its size by which a number is taken to be off, in the sentence on what the answer rests on."""
+
 
 class Assumption(NamedTuple):
     """A number of the scene that a fit took for granted.
@@ -140,7 +143,7 @@ def dependences(
         if not exact or not (np.isfinite(total_error[k]) and total_error[k] > 0):
             continue
         most = max(exact, key=lambda one, k=k: abs(float(one.sensitivity[k])) * one.size)
-        change = 1e-3 * most.size
+        change = WHAT_IF * most.size
         shift = float(most.sensitivity[k]) * change
         if np.isfinite(shift) and shift:
             found.append(Dependence(name, most.name, change, most.unit, shift, abs(shift) / float(total_error[k])))

@@ -33,7 +33,6 @@ class FitSetup(NamedTuple):
     problem: Problem
     priors: Priors
     uncertain: dict[str, float]
-    units: tuple[str, ...]
     profiled: tuple[int, ...]
 
 
@@ -71,18 +70,16 @@ def build_problem(
     priors = {own(name, "prior"): prior for name, prior in options.priors.items()}
     profiled = tuple(unknowns.names.index(own(name, "profile")) for name in options.profiles)
     prior = make_prior(priors, unknowns, scene.camera.viewpoint.dtype)
-    units = tuple(resolve(scene, name).attribute.unit for name in unknowns.names)
     uncertain = stated_uncertainties(scene, unknowns, options.uncertain)
-    root_covariance(
-        list(uncertain), np.array(list(uncertain.values())), options.correlations
-    )  # Refuses what cannot be.
+    # Refuses what cannot be.
+    root_covariance(list(uncertain), np.array(list(uncertain.values())), options.correlations)
     problem = Problem(scene, observation, unknowns, prior, settings, storage)
     reach = math.ceil(problem.film_reach(problem.start()))
     if reach:
         # The film mixes pixels: part of the light at the border comes from beyond it, so these do not count. With
         # them the blur of a ball before a board, 1.1 at 160 x 120, is off by 7 errors; without 4 rows by 2.
         problem = problem.weighted(inside(observation, max(4, reach)))
-    return FitSetup(problem, priors, uncertain, units, profiled)
+    return FitSetup(problem, priors, uncertain, profiled)
 
 
 def inside(observation: Observation, margin: int) -> Float[np.ndarray, "height width"]:

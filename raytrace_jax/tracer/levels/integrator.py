@@ -35,7 +35,7 @@ from raytrace_jax.util.numerics import dot, materialize, renormalize, select
 
 
 class Scattering(eqx.Module):
-    """What decides a ray's colour beside those of the rays that it sends on.
+    """The part of a ray's colour that does not come from the rays that it sends on.
 
     Args:
         surface: what the model keeps until the children's colours are known; None where there is nothing to hit.
@@ -287,7 +287,7 @@ def trace(
         return jax.tree.map(lambda x, y: jax.lax.dynamic_update_slice_in_dim(x, y, place, -1), all_, new)
 
     def trace_chunk(head, tail, some: Rays, number) -> tuple[RayRecord, tuple, Array]:
-        """Of one chunk what was traced, the rays that it sends on with their numbers, and how many these are."""
+        """Trace one chunk: its records, the rays that it sends on with their numbers, and how many these are."""
         live = head + jnp.arange(chunk, dtype=jnp.int32) < jnp.minimum(tail, size)
         # Stored at a place of their own: kernels that read from the middle of a queue are several times as slow.
         some, number = materialize((some, number), live)
