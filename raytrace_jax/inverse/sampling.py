@@ -50,7 +50,8 @@ def pixel_moments(
     for some in np.array_split(offsets, max(1, offsets.size * len(column) // 1_000_000)):
         right, down = some.T[:, :, None]
         points = problem.picture_points((column + right).reshape(-1), (row + down).reshape(-1))
-        colors = problem.model.points(scenes, points, problem.base).reshape(3, len(some), len(column)).astype(np.float64)
+        colors = problem.model.points(scenes, points, problem.base).astype(np.float64)
+        colors = colors.reshape(3, len(some), len(column))
         total += colors.sum(axis=1)
         squares += np.sum(colors**2, axis=1)
     mean = total / len(offsets)
