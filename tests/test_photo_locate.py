@@ -398,11 +398,8 @@ def on_a_post(board, post):
     return drawn(board, (11, -4), hides=POSTS[post], light=light), with_center(11, -4)
 
 
-RING = pytest.param("a ring's", marks=pytest.mark.xfail(reason="the disc is right, but the index begins .26 off"))
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("post", ["a thick dark", "no", "a thick bright", "a thin grey", RING])
+@pytest.mark.parametrize("post", POSTS)
 def test_a_ball_is_found_on_a_post_and_beside_a_shadow(post, wide_board):
     picture, wanted = on_a_post(wide_board, post)
     found = found_ball(picture, wide_board)

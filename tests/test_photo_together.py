@@ -13,11 +13,11 @@ from raytrace_jax import write_png
 from raytrace_jax.cli import main
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import read_board
-from raytrace_jax.photo.budget import budget
 from raytrace_jax.photo.bundle import OWN, Corners, View, adjust
 from raytrace_jax.photo.cameras import COUNT, LENS
 from raytrace_jax.photo.find_camera import known_before, scale_of
 from raytrace_jax.photo.lens import Lens, Turn
+from raytrace_jax.photo.opinions import budget
 from raytrace_jax.photo.sight import Sight
 
 SIZE, INDEX, RADIUS = (640, 480), 1.5, 20.0

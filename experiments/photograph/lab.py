@@ -1,11 +1,12 @@
 """How well is an index read off a photograph? The rooms of `rooms.py`, by corners alone and with the fit.
 
-    python experiments/photograph/lab.py FOLDER [--numbers 1 2 ...] [--cases quick exact alone fit]
+    python experiments/photograph/lab.py FOLDER [--numbers 1 2 ...] [--cases quick exact alone three fit]
 
 FOLDER has the rooms. `lab.json` there gets each row at once, and a row that is in there is not made again; then the
 table is printed. Cases: `quick`, by corners, radius known to 0.1 % and off by as much, the board printed 0.1 % wrong,
 which nobody knows, the lens calibrated; `exact`, the same with radius and print known to 0.01 %; `alone`, as `exact`,
-the lens from the photograph itself; `fit`, as `quick`, then the fit of the whole.
+the lens from the photograph itself; `three`, as `exact`, of the ball's three places together; `fit`, as `exact`, then
+the fit of the light, and both joined.
 """
 
 import argparse
@@ -25,12 +26,12 @@ from raytrace_jax.photo.calibrate import calibrate  # noqa: E402
 from raytrace_jax.photo.find_camera import photograph_of  # noqa: E402
 from raytrace_jax.photo.flattened import flatten  # noqa: E402
 from raytrace_jax.photo.lens import read_lens, uncalibrated, write_lens  # noqa: E402
-from raytrace_jax.photo.locate import locate  # noqa: E402
+from raytrace_jax.photo.locate import locate_together  # noqa: E402
 from raytrace_jax.photo.opinions import joined  # noqa: E402
 from raytrace_jax.photo.room_scene import FREE, room_scene  # noqa: E402
 from raytrace_jax.util.digits import with_error  # noqa: E402
 
-CASES = ("quick", "exact", "alone", "fit")
+CASES = ("quick", "exact", "alone", "three", "fit")
 KNOWN, EXACT = 1e-3, 1e-4
 
 
@@ -39,21 +40,26 @@ def run(number: int, case: str, folder: Path) -> dict:
     truth = json.loads((folder / f"room_{number}.json").read_text())
     begun = time.monotonic()
     board = read_board(folder / f"board_{number}.txt")
-    image = read_picture(folder / f"room_{number}.jpg")
-    photograph = photograph_of(image, f"room {number}")
-    share, scale = (EXACT, truth["print_scale"]) if case in ("exact", "alone") else (KNOWN, 1.0)
+    names = [f"room_{number}{place}.jpg" for place in (("", "_2", "_3") if case == "three" else ("",))]
+    images = [read_picture(folder / name) for name in names]
+    photographs = [photograph_of(image, name) for image, name in zip(images, names, strict=True)]
+    share, scale = (KNOWN, 1.0) if case == "quick" else (EXACT, truth["print_scale"])
     drawn = np.random.default_rng(4000 + number).normal()
     radius = truth["radius"] * (1 + share * drawn) / scale
     # Both the ruler of the radius and the printer err.
     known = (radius, radius * share * np.sqrt(2))
-    lens = uncalibrated() if case == "alone" else lens_of(truth["camera"], photograph.size, folder)
-    located = locate(photograph, board, known, lens)
+    lens = uncalibrated() if case == "alone" else lens_of(truth["camera"], photographs[0].size, folder)
+    together = locate_together(photographs, board, known, lens)
+    left_out = [str(one) for one in (*together.refused.values(), *together.bare.values())]
+    if not together.located:
+        return {"refused": left_out[0]}
+    located = next(iter(together.located.values()))
     index, error = located.index
-    row = {"truth": truth["ior"], "index": index, "error": error, "scatter": located.sigma}
-    row["fov"] = float(located.numbers[6] - truth["fov"])
+    row = {"truth": truth["ior"], "index": index, "error": error, "scatter": located.sigma, "left_out": left_out}
+    row |= {"single": list(together.alone.values()), "fov": float(located.numbers[6] - truth["fov"])}
     row["corners"] = [len(located.direct.pixels), len(located.through.pixels)]
     if case == "fit":
-        flat = flatten(image, located)
+        flat = flatten(images[0], located)
         room = room_scene(located, flat)
         options = FitOptions(
             loss="cauchy", target_sampling="box", search=False, uncertain=room.uncertain, correlations=room.correlations
@@ -61,7 +67,7 @@ def run(number: int, case: str, folder: Path) -> dict:
         settings = RenderSettings(crop=flat.grid.window)
         result = fit(room.scene, flat.image, FREE, settings, options, weights=flat.counts.astype(float))
         found = result["ball.ior"]
-        row |= {"by_corners": index, "index": found.value, "error": found.error, "status": result.status}
+        row |= {"by_corners": (index, error), "index": found.value, "error": found.error, "status": result.status}
         both = joined(located, room, result)
         row |= {"both": both.ior, "apart": both.apart, "causes": [cause.words for cause in result.check.causes]}
     return row | {"seconds": time.monotonic() - begun}
@@ -109,7 +115,10 @@ def line(key: str, row: dict) -> str:
     if "refused" in row:
         return f"{head} | {row['refused']} |" + " |" * 5
     off = row["index"] - row["truth"]
-    fitted = f"{row['status']}, apart by {row['apart']:.1f}" if "apart" in row else ""
+    fitted = f"{len(row['left_out'])} left out" if row["left_out"] else ""
+    if "apart" in row:
+        by_corners, both = (with_error(*row[name]) for name in ("by_corners", "both"))
+        fitted = f"{row['status']}, apart by {row['apart']:.1f}; corners {by_corners}, both {both}"
     return (
         f"{head} | {row['truth']} | {with_error(row['index'], row['error'])} | {off:+.5f} | "
         f"{abs(off) / row['error']:.1f} | {row['seconds']:.0f} | {fitted} |"

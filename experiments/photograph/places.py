@@ -24,8 +24,7 @@ from raytrace_jax import enable_compile_cache  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
 from raytrace_jax.photo.bundle import OWN, TRUE_TO, Corners, _linearized, _padded  # noqa: E402
 from raytrace_jax.photo.cameras import COUNT  # noqa: E402
-from raytrace_jax.photo.corners import where_seen  # noqa: E402
-from raytrace_jax.photo.locate import GLASS_SEARCH  # noqa: E402
+from raytrace_jax.photo.locate import LEAST_SQUARE, REACH  # noqa: E402
 from raytrace_jax.photo.sight import Sight  # noqa: E402
 
 SIZE, FOV = (1600, 1200), 38.6
@@ -64,12 +63,8 @@ def information(numbers: np.ndarray, board) -> tuple[np.ndarray, int]:
     beside = np.linalg.norm(pixels - center, axis=1) > 1.05 * radius
     beside &= np.all((pixels > 20) & (pixels < np.array(SIZE) - 20), axis=1)
 
-    def see(pixels):
-        seen = sight.through(pixels)
-        return seen.place, seen.valid & (seen.reach < GLASS_SEARCH.reach)
-
-    at, stretch, visible = where_seen(see, sight.slopes, center, radius, board.places)
-    visible &= stretch * board.square > GLASS_SEARCH.least_square
+    at, stretch, visible = sight.where_through(board.places, REACH, np.full(2, np.inf))
+    visible &= stretch * board.square > LEAST_SQUARE
     groups = [(pixels[beside], board.corners[beside]), (at[visible], board.places[visible])]
     corners = [Corners(*group, np.zeros(len(group[0]))) for group in groups]
     _, slopes = _linearized(numbers, np.asarray(SIZE, float), *map(_padded, corners))

@@ -2,12 +2,13 @@
 
     python experiments/photograph/rooms.py FOLDER [NUMBER ...]
 
-Needs the program `povray` (Debian package `povray`) and the extra `photo`. A room is drawn by its number; those above
-12 are seen through a lens that bends. FOLDER gets `room_N.jpg`, the same ball at two other places, `room_N_2.jpg` and
-`room_N_3.jpg`, its board `board_N.txt`, the truth, `room_N.json` with that of the other places beside it, and for a
-calibration tilted pictures of the board by the same camera, `camera_C_K.jpg`, without a ball and without
-radiosity; what is there is not made again. Nothing of it is the package's but the board's pattern. Lengths of the rooms
-are in centimetres, those of boards and truths in millimetres.
+Needs the program `povray` (Debian package `povray`) and the extra `photo`. A room is drawn by its number; those from
+13 to 16 are seen through a lens that bends, and in those from 21 to 30 posts, tripods and hands hold the ball. FOLDER
+gets `room_N.jpg`, below 21 the same ball at two other places, `room_N_2.jpg` and `room_N_3.jpg`, its board
+`board_N.txt`, the truth, `room_N.json` with that of the other places beside it, and for a calibration tilted pictures
+of the board by the same camera, `camera_C_K.jpg`, without a ball and without radiosity; what is there is not made
+again. Nothing of it is the package's but the board's pattern. Lengths of the rooms are in centimetres, those of boards
+and truths in millimetres.
 """
 
 import argparse
@@ -40,6 +41,13 @@ MARGIN = 1.2
 WHITE = 0.8
 """Of saturation: how bright the brightest fiftieth of a photograph is."""
 
+HELD = {
+    21: ("post", 0.5, WHITE), 22: ("post", 1.0, WHITE), 23: ("tripod", 0.7, WHITE), 24: ("hand", 0.0, WHITE),
+    25: ("shadow", 0.5, WHITE), 26: ("post", 0.75, 1.15), 27: ("tripod", 0.5, 0.2), 28: ("hand", 0.0, 0.5),
+    29: ("ring", 0.85, WHITE), 30: ("shadow", 0.5, 1.0),
+}  # fmt: skip
+"""What holds the ball in rooms above 20, how wide it is in radii, and how bright the photograph is, as `WHITE`."""
+
 
 def drawn(number: int) -> dict:
     """The truth of a room, by its number."""
@@ -66,8 +74,8 @@ def drawn(number: int) -> dict:
         "eye": (10 * eye).tolist(),
         "lookat": (10 * target).tolist(),
         "roll": float(uniform(-3, 3)),
-        "camera": camera if number <= PLAIN else camera + len(CAMERAS),
-        "lens": [0.0, 0.0, 0.0, 0.0] if number <= PLAIN else lens_of(camera),
+        "camera": camera + len(CAMERAS) if PLAIN < number < min(HELD) else camera,
+        "lens": lens_of(camera) if PLAIN < number < min(HELD) else [0.0, 0.0, 0.0, 0.0],
         "fov": fov,
         "paper": paper,
         "print_scale": float(1 + random.normal() * 1e-3),
@@ -133,8 +141,7 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
     warm, cool = (1.0, 0.86 + 0.1 * uniform(), 0.7 + 0.2 * uniform()), (0.8 + 0.1 * uniform(), 0.92, 1.0)
     window, lamp = uniform(-70, 70), np.array([uniform(-60, 60), uniform(40, 80), uniform(50, 120)])
     walls = [tuple(uniform(0.25, 0.85, 3)) for _ in range(4)]
-    ring = radius * uniform(0.4, 0.6)
-    foot = center[1] - np.sqrt(radius**2 - ring**2)
+    holder, wide, _ = HELD.get(truth["number"], ("ring", uniform(0.4, 0.6), WHITE))
     hand = np.array([uniform(-1.2, 1.2) * width, uniform(0.8, 1.4) * height, uniform(20, 40)])
     parts = [
         f"#version 3.7; global_settings {{ assumed_gamma 1.0 max_trace_level 12 {RADIOSITY if ball else AMBIENT} }}",
@@ -176,12 +183,52 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
             f"sphere {{ {v(center)}, {radius} pigment {{ color rgbf <1,1,1,1> }} "
             f"finish {{ ambient 0 diffuse 0 reflection {{ 0, 1 fresnel on }} conserve_energy }} "
             f"interior {{ ior {truth['ior']} }} }}",
-            f"torus {{ {ring}, 0.15 translate {v((center[0], foot, center[2]))} "
-            "pigment { color rgb 0.25 } finish { diffuse 0.7 ambient 0 } }",
-            f"cylinder {{ {v((center[0], table, center[2] - ring))} {v((center[0], foot, center[2] - ring))}, 0.15 "
-            "pigment { color rgb 0.25 } finish { diffuse 0.7 ambient 0 } }",
+            *held(holder, wide * radius, radius, center, table, lamp),
         ]
     return "\n".join(parts)
+
+
+def held(holder: str, wide: float, radius: float, center, table: float, lamp) -> list[str]:
+    """What holds the ball, as wide as `wide` at its height, or throws a shadow beside it."""
+    foot = center - np.array([0, np.sqrt(max(radius**2 - wide**2, 0)), 0])
+    ground = np.array([center[0], table, center[2]])
+
+    def rod(start, end, thick: float, color: float) -> str:
+        return (
+            f"cylinder {{ {v(start)} {v(end)}, {thick} pigment {{ color rgb {color} }} "
+            "finish { diffuse 0.7 ambient 0 } }"
+        )
+
+    if holder == "post":
+        return [rod(ground, foot, wide, 0.7)]
+    if holder == "tripod":
+        turns = 2 * np.pi * (np.arange(3) / 3 + 0.1)
+        legs = wide * np.stack([np.sin(turns), 0 * turns, np.cos(turns)], -1)
+        return [rod(ground + 2 * leg, foot + leg, 0.2, 0.15) for leg in legs]
+    if holder == "hand":
+        # Fingers and a thumb at both sides, and an arm that comes from below.
+        skin = "pigment { color rgb <0.75,0.55,0.45> } finish { diffuse 0.8 ambient 0 }"
+        reach = radius + 0.6
+        tips = [
+            center + reach * np.array([side * np.sin(turn), -np.cos(turn), 0.0]) for side, turn in
+            ((-1, 1.3), (-1, 0.8), (-1, 0.3), (1, 1.1))
+        ]  # fmt: skip
+        palm = center - np.array([0, radius + 2.5, 0])
+        fingers = [f"cylinder {{ {v(palm)} {v(tip)}, 0.7 {skin} }} sphere {{ {v(tip)}, 0.7 {skin} }}" for tip in tips]
+        return [*fingers, f"cylinder {{ {v(palm)} {v(palm + np.array([6, -25, 8]))}, 2.5 {skin} }}"]
+    # A ring on a rod behind it; what throws a shadow hangs between the lamp and the board beside the ball.
+    torus = (
+        f"torus {{ {wide}, 0.15 translate {v(foot)} pigment {{ color rgb 0.25 }} finish {{ diffuse 0.7 ambient 0 }} }}"
+    )
+    back = np.array([0, 0, wide])
+    parts = [torus, rod(ground - back, foot - back, 0.15, 0.25)]
+    if holder == "shadow":
+        beside = np.array([center[0] + 1.8 * radius, center[1], 0.0])
+        where = beside + 0.5 * (lamp - beside)
+        parts += [
+            f"sphere {{ {v(where)}, {0.6 * radius} pigment {{ color rgb 0.6 }} finish {{ diffuse 0.8 ambient 0 }} }}"
+        ]
+    return parts
 
 
 RADIOSITY = (
@@ -242,7 +289,7 @@ def make(number: int, folder: Path) -> None:
     if not path.exists():
         take(room(truth, board, truth["eye"], truth["lookat"], truth["roll"], ball=True), truth, chain, path)
         path.with_suffix(".json").write_text(json.dumps(truth, indent=1))
-    for k in (2, 3):
+    for k in (2, 3) if number < min(HELD) else ():
         path = folder / f"room_{number}_{k}.jpg"
         if not path.exists():
             there = elsewhere(truth, k)
@@ -278,11 +325,12 @@ def board_of(number: int, folder: Path) -> Path:
 
 def take(text: str, truth: dict, chain: Chain, path: Path) -> None:
     """Render a scene and photograph it."""
+    white = HELD.get(truth["number"], ("ring", 0.0, WHITE))[2]
     bends = any(truth["lens"])
     light = rendered(text, (round(MARGIN * SIZE[0]), round(MARGIN * SIZE[1])) if bends else SIZE)
     if bends:
         light = through_lens(light, truth["fov"], truth["lens"])
-    photograph(WHITE / np.percentile(light, 98) * light, chain, path)
+    photograph(white / np.percentile(light, 98) * light, chain, path)
 
 
 def main():

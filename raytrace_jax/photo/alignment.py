@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, minimum_filter
 
 from raytrace_jax.photo.boards import Board
 from raytrace_jax.photo.grids import RAYS, offsets
@@ -24,25 +24,15 @@ GOLDEN = 0.6180339887
 """Its multiples, without their whole part, are spread evenly, however many they are."""
 
 
-class PatchSettings(NamedTuple):
-    """What a patch is, and when it counts.
+HALF, MARGIN = 13, 6
+"""Half a patch's side, and the pixels around it that its blur looks at."""
 
-    Args:
-        half: half its side, in pixels.
-        margin: pixels around it that its blur looks at.
-        within: only what is nearer to its corner than this share of a square counts; the rest belongs to the next one.
-        least_pixels: the fewest pixels that are compared.
-        least_contrast: the least contrast, as a share of the median patch's; dark glass or a highlight has less.
-    """
+WITHIN = 0.45
+"""Only what is nearer to a patch's corner than this share of a square counts; the rest belongs to the next one."""
 
-    half: int = 13
-    margin: int = 6
-    within: float = 0.45
-    least_pixels: int = 40
-    least_contrast: float = 0.15
-
-
-PATCH = PatchSettings()
+LEAST_PIXELS, LEAST_CONTRAST = 40, 0.15
+"""The fewest pixels that are compared, and the least contrast, as a share of the median patch's; dark glass or a
+highlight has less."""
 
 See = Callable[[Float[np.ndarray, "n 2"]], tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]]
 """The place of the board that each pixel sees, and whether it sees one that counts."""
@@ -99,8 +89,8 @@ def align(
                 step, spread[where[k]], contrast[where[k]] = found
                 shift[where[k]] += np.clip(step, -2, 2)
     usual = np.median(contrast[contrast > 0]) if (contrast > 0).any() else np.inf
-    good = np.isfinite(spread) & (contrast > PATCH.least_contrast * usual)
-    good &= np.max(np.abs(shift), axis=1) < PATCH.half / 2
+    good = np.isfinite(spread) & (contrast > LEAST_CONTRAST * usual)
+    good &= np.max(np.abs(shift), axis=1) < HALF / 2
     return Aligned(expected + shift, spread, good)
 
 
@@ -137,7 +127,7 @@ def best_blur(
 def _boxes(light, expected):
     """The pixels of patches around places, with a margin, "patch row column 2", and which places have room for one."""
     height, width = light.shape
-    reach = PATCH.half + PATCH.margin
+    reach = HALF + MARGIN
     axis = np.arange(-reach, reach + 1)
     start = np.round(expected).astype(int)
     fits = ((start >= reach) & (start < np.array([width, height]) - reach)).all(axis=1)
@@ -151,29 +141,37 @@ def _blurred(patches, blur: float):
 
 def _drawn(pixels, board: Board, corners, see: See):
     """The board's brightness in patches of pixels, and which of them show what is near their corner."""
-    total, count, near = np.zeros(pixels.shape[:-1]), np.zeros(pixels.shape[:-1]), np.ones(pixels.shape[:-1], bool)
+    place, valid = see(pixels.reshape(-1, 2).astype(float))
+    place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
+    valid = np.asarray(minimum_filter(valid, (1, 5, 5), mode="constant"), bool)
+
+    # Beside a pixel's middle the place follows from Taylor's series, whose derivatives are differences of neighbours.
+    down, right = np.gradient(place, axis=(1, 2))
+    (down_down, down_right), right_right = np.gradient(down, axis=(1, 2)), np.gradient(right, axis=2)
+
     # Rays lie a little aside in each row and column, or an edge along the pixels would be drawn to a ninth of one.
+    total, count, near = np.zeros(valid.shape), np.zeros(valid.shape), valid
     aside = (np.moveaxis(np.indices(pixels.shape[1:3]), 0, -1) * GOLDEN % 1 - 0.5) / RAYS
     for off in offsets(1.0):
-        place, valid = see((pixels + off + aside).reshape(-1, 2))
-        place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
-        brightness = board.brightness(place)
+        x, y = np.moveaxis(off + aside, -1, 0)[..., None]
+        here = place + x * (right + x / 2 * right_right + y * down_right) + y * (down + y / 2 * down_down)
+        brightness = board.brightness(here)
         known = valid & np.isfinite(brightness)
         total += np.where(known, brightness, 0.0)
         count += known
-        near &= known & np.all(np.abs(place - corners[:, None, None]) < PATCH.within * board.square, axis=-1)
+        near = near & known & np.all(np.abs(here - corners[:, None, None]) < WITHIN * board.square, axis=-1)
     drawn = total / np.maximum(count, 1)
-    edge = PATCH.margin
+    edge = MARGIN
     near[:, :edge], near[:, -edge:], near[:, :, :edge], near[:, :, -edge:] = False, False, False, False
     return drawn, near
 
 
 def _shift(picture, drawn, use) -> tuple[Float[np.ndarray, "2"], float, float] | None:
     """The step by which a drawn patch has to move, its standard deviation, and the patch's contrast."""
-    if np.sum(use) < PATCH.least_pixels:
+    if np.sum(use) < LEAST_PIXELS:
         return None
     down, right = np.gradient(drawn)
-    row, column = (place[use] / PATCH.half - 1 for place in np.indices(drawn.shape))
+    row, column = (place[use] / HALF - 1 for place in np.indices(drawn.shape))
     b = drawn[use]
     columns = np.stack([np.ones_like(b), b, right[use], down[use], column, row, column * b, row * b], axis=1)
     normal = columns.T @ columns

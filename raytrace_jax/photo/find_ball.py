@@ -5,7 +5,6 @@ through such a ball, looks like the photograph.
 """
 
 import itertools
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,33 +18,23 @@ from raytrace_jax.photo.grids import Grid
 from raytrace_jax.photo.outline import Disc, NoBall
 from raytrace_jax.photo.sight import Sight
 
+BALL_WIDTH = 56
+"""About how many pixels wide the ball is where its index is looked for."""
 
-class BallSearch(NamedTuple):
-    """How the ball and its index are looked for.
+MOST_STARTS, APART, LESS_ALIKE = 4, 0.06, 0.2
+"""So many of the scan's places are refined, whose indices differ by more than this, so that they are not all in one
+valley, and which are less alike than the best one by this much at most."""
 
-    Args:
-        ball_width: about how many pixels wide the ball is where its index is looked for.
-        most_starts: so many of the best places of the scan are refined.
-        apart: starts differ by more than this in the index, so that they are not all in one valley.
-        reach: photograph and drawing are compared within this share of the outline's radius.
-        least_alike: the least correlation of a photograph and a drawing that show the same.
-        surely_alike: from this correlation on no other disc is tried.
-    """
+WITHIN = 0.85
+"""Photograph and drawing are compared within this share of the outline's radius."""
 
-    ball_width: int = 56
-    most_starts: int = 4
-    apart: float = 0.06
-    reach: float = 0.85
-    least_alike: float = 0.35
-    surely_alike: float = 0.6
-
-
-SEARCH = BallSearch()
+LEAST_ALIKE, SURELY_ALIKE = 0.35, 0.6
+"""The least correlation of a photograph and a drawing of the same, and that from which no other disc is tried."""
 
 INDICES = np.arange(1.2, 2.25, 0.02)
 """Indices of the scan."""
 
-FARTHER = np.arange(-0.08, 0.081, 0.01)
+FARTHER = np.arange(-0.05, 0.051, 0.01)
 """The scan moves the ball farther away by these shares of its distance, for the outline tells it to some per cent."""
 
 ASIDE = (0.0, -0.1, 0.1)
@@ -85,10 +74,10 @@ def find_ball(
     for k in order:
         alike, candidate = trials[k].best()
         found.append((alike, discs[k], candidate))
-        if alike > SEARCH.surely_alike:
+        if alike > SURELY_ALIKE:
             break
     alike, first, best = max(found, key=lambda one: one[0])
-    if alike < SEARCH.least_alike:
+    if alike < LEAST_ALIKE:
         how = "shows no board" if alike == -1 else f"does not look like the board (correlation {alike:.2f})"
         raise NoBall(
             f"{name}: what is seen through the ball {how}: put the ball so that some squares are seen through it, "
@@ -96,7 +85,7 @@ def find_ball(
         )
     for k in order:
         is_beside = np.hypot(*(discs[k].center - first.center)) > discs[k].radius + first.radius
-        if is_beside and glance[k] > SEARCH.least_alike:
+        if is_beside and glance[k] > LEAST_ALIKE:
             raise PictureError(
                 f"{name}: the board is seen through two balls, at {first}, and at {discs[k]}; one is wanted, or --ball "
                 "to say which."
@@ -114,7 +103,7 @@ class _Trial:
         self.size = (light.shape[1], light.shape[0])
         self.board, self.blur, self.start = board, blur, np.array(numbers)
         self.start[BALL.start + 1 : BALL.start + 4] = center_of(numbers, self.size, disc)
-        grid = Grid.of(self.size, max(1, round(2 * disc.radius / SEARCH.ball_width)))
+        grid = Grid.of(self.size, max(1, round(2 * disc.radius / BALL_WIDTH)))
         self.grid = grid.around(disc.center, disc.radius)
         self.picture = self.grid.parts(light[None]).mean(axis=-1)[0]
         self.eye = Sight(self.start, self.size).viewpoint
@@ -133,8 +122,8 @@ class _Trial:
         """Correlation of photograph and drawing, of what varies over a few pixels, within the ball; -1 without any."""
         ball = Sight(self.numbers(where), self.size).through(self.grid.pixels)
         brightness = self.board.brightness(ball.place)
-        use = (ball.valid & (ball.reach < SEARCH.reach) & np.isfinite(brightness)).reshape(self.picture.shape)
-        if np.sum(use) < 0.3 * np.sum(ball.reach < SEARCH.reach):
+        use = (ball.valid & (ball.reach < WITHIN) & np.isfinite(brightness)).reshape(self.picture.shape)
+        if np.sum(use) < 0.3 * np.sum(ball.reach < WITHIN):
             return -1.0
         smooth = max(1.0, self.blur / self.grid.binning)
         drawn = np.where(use, np.nan_to_num(brightness).reshape(self.picture.shape), 0.5)
@@ -160,9 +149,10 @@ class _Trial:
         # Drawings look alike at several indices: the scan keeps the best places of several valleys.
         scan = [np.array([index, farther, *self.aside]) for index, farther in itertools.product(INDICES, FARTHER)]
         starts: list[np.ndarray] = []
-        for _, place in sorted((unlike(where), k) for k, where in enumerate(scan)):
-            if len(starts) < SEARCH.most_starts and all(abs(scan[place][0] - one[0]) > SEARCH.apart for one in starts):
-                starts.append(scan[place])
+        alike = np.array([self.alike(where) for where in scan])
+        for k in np.argsort(-alike)[: np.sum(alike > alike.max() - LESS_ALIKE)]:
+            if len(starts) < MOST_STARTS and all(abs(scan[k][0] - one[0]) > APART for one in starts):
+                starts.append(scan[k])
 
         # Each valley is searched to its bottom, and the likest drawing tells the index.
         found = []

@@ -3,40 +3,28 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align, best_blur
 from raytrace_jax.photo.boards import LEAST_CORNERS, Board
 from raytrace_jax.photo.bundle import BALL, Corners, Known, View, adjust
 from raytrace_jax.photo.cameras import COUNT, FOV, LENS
-from raytrace_jax.photo.corners import refined
 from raytrace_jax.photo.lens import Lens
 from raytrace_jax.photo.markers import Markers
 from raytrace_jax.photo.opencv import opencv
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.through_glass import RADIUS
 
+ANGLES = (20.0, 30.0, 40.0, 55.0, 70.0)
+"""Angles of view in degrees; the best one is the start where none is known."""
 
-class CameraSearch(NamedTuple):
-    """How the camera is found from corners.
+LARGEST_SPREAD = 0.3
+"""A corner that its patch places worse than to so many pixels does not count."""
 
-    Args:
-        guesses: angles of view in degrees; the best one is the start where none is known.
-        largest_spread: a corner that its patch places worse than to so many pixels does not count.
-        largest_scatter: corners may scatter by this share of the picture's width, seen directly or through the glass:
-            half a pixel of 1600. In the rooms of `experiments/photograph` they scatter by 0.04 pixels of 1600, from a
-            wrong start by more than one.
-        blur_corners: about so many corners tell the camera's blur.
-    """
-
-    guesses: tuple[float, ...] = (20.0, 30.0, 40.0, 55.0, 70.0)
-    largest_spread: float = 0.3
-    largest_scatter: float = 3e-4
-    blur_corners: int = 40
-
-
-CAMERA_SEARCH = CameraSearch()
+LARGEST_SCATTER = 3e-4
+"""Corners may scatter by this share of the picture's width, seen directly or through the glass: half a pixel of 1600.
+In the rooms of `experiments/photograph` they scatter by 0.04 pixels, from a wrong start by more than one."""
 
 
 class Photograph(NamedTuple):
@@ -108,7 +96,7 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
     size, direct = photograph.size, markers.direct
     seen = markers.corners[direct].reshape(-1, 2)
     corners = Corners(seen, board.markers[markers.place[direct]].reshape(-1, 2), np.full(len(seen), 0.5))
-    guesses = (float(lens.mean[0]),) if np.isfinite(lens.covariance[0, 0]) else CAMERA_SEARCH.guesses
+    guesses = (float(lens.mean[0]),) if np.isfinite(lens.covariance[0, 0]) else ANGLES
     starts = [_pose(corners, fov, lens, size) for fov in guesses]
     known = known_before(lens, (0.0, 0.0))
 
@@ -122,20 +110,20 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
     for _ in range(2):
         sight = Sight(numbers, size)
         expected = sight.where(board.corners)
-        pixels, good = refined(photograph.grey, expected, _square_sizes(sight, board))
+        pixels, good = _refined(photograph.grey, expected, _square_sizes(sight, board))
         corners = Corners(pixels, board.corners, np.full(len(pixels), 0.1)).where(good)
         numbers = adjusted(numbers, corners).views[0].numbers
 
     # Patches, drawn with the camera's blur, measure corners to hundredths of a pixel.
     sight = Sight(numbers, size)
     expected, places = sight.where(corners.places), corners.places
-    some = slice(None, None, max(1, len(places) // CAMERA_SEARCH.blur_corners))
+    some = slice(None, None, max(1, len(places) // 40))
     blur = best_blur(photograph.light, board, places[some], expected[some], sight.directly)
     found = align(photograph.light, board, places, expected, sight.directly, blur)
-    is_placed = found.good & (found.spread < CAMERA_SEARCH.largest_spread)
+    is_placed = found.good & (found.spread < LARGEST_SPREAD)
     corners = Corners(found.pixels, places, found.spread).where(is_placed)
     (done,) = adjusted(numbers, corners).views
-    least, largest = LEAST_CORNERS, CAMERA_SEARCH.largest_scatter * size[0]
+    least, largest = LEAST_CORNERS, LARGEST_SCATTER * size[0]
     if len(corners.pixels) < least or done.sigma[0] > largest:
         raise PictureError(
             f"{photograph.name}: {len(corners.pixels)} corners of the board are seen directly, and they scatter by "
@@ -191,3 +179,30 @@ def _square_sizes(sight: Sight, board: Board) -> Float[np.ndarray, " corners"]:
     here = sight.where(board.corners)
     steps = np.array([[board.square, 0.0], [0.0, board.square]])
     return np.minimum(*(np.linalg.norm(sight.where(board.corners + step) - here, axis=1) for step in steps))
+
+
+def _refined(
+    grey: UInt8[np.ndarray, "height width"], expected: Float[np.ndarray, "n 2"], sizes: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
+    """Refine corners that are expected in pixels, each in a window of its own size, and tell which were found.
+
+    `sizes` are the shorter sides of squares there, in pixels.
+    """
+    cv2 = opencv("a photograph of a board")
+    height, width = grey.shape
+    found = np.array(expected, np.float32)
+    # The window is 0.13 squares to each side, for a marker begins at 0.15 of its square.
+    halves = np.clip(np.round(0.13 * sizes), 2, 12).astype(int)
+    inside = (expected > halves[:, None] + 2).all(axis=1) & (
+        expected < np.array([width, height]) - halves[:, None] - 3
+    ).all(axis=1)
+    # A square below 7 pixels, small or squashed, shows nothing but blur.
+    good = inside & (sizes >= 7.0)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
+    for half in np.unique(halves[good]):
+        which = np.flatnonzero(good & (halves == half))
+        start = np.ascontiguousarray(found[which].reshape(-1, 1, 2))
+        found[which] = cv2.cornerSubPix(grey, start, (int(half), int(half)), (-1, -1), stop).reshape(-1, 2)
+    # A refined corner that has moved by more than 0.2 squares is another one.
+    moved = np.linalg.norm(found - expected, axis=1)
+    return found.astype(np.float64), good & (moved < np.maximum(0.2 * sizes, 1.0))

@@ -9,37 +9,30 @@ from scipy import ndimage
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.grids import Grid, offsets
 from raytrace_jax.photo.light_field import LightField, fit_light_field
-from raytrace_jax.photo.locate import GLASS_SEARCH, Located
+from raytrace_jax.photo.locate import REACH, Located
 
+RIM = 1.04
+"""The board is seen directly beyond this share of the outline's radius."""
 
-class Flattening(NamedTuple):
-    """How a photograph is divided by its light, and which pixels count.
+WIDTH, BALL_WIDTH = 1000, 190
+"""About how many pixels wide the picture is in which the light on the board is looked at, and the ball in the fitted
+picture; more take longer and tell the same."""
 
-    Args:
-        rim: the board is seen directly beyond this share of the outline's radius.
-        width: about how many pixels wide the picture is in which the light on the board is looked at.
-        ball_width: about how many pixels wide the ball is in the fitted picture; more take longer and tell the same.
-        around: the fitted picture reaches this far, in radii of the outline; some board tells exposure and blur.
-        pure: a pixel whose blurred brightness is nearer than this to paper's or to ink's shows it alone.
-        disagrees: something lies between camera and board where picture and board differ by more than this share of
-            paper, in the mean of some pixels. Through the glass it is twice as much, for there it shows the room too.
-        mean: standard deviation of that mean, in pixels.
-        least_seen: the fewest pixels that tell something, of the ball and of paper alone.
-        saturated: a channel from here on is saturated.
-    """
+AROUND = 1.25
+"""The fitted picture reaches this far, in radii of the outline; some board tells exposure and blur."""
 
-    rim: float = 1.04
-    width: int = 1000
-    ball_width: int = 190
-    around: float = 1.25
-    pure: float = 0.02
-    disagrees: float = 0.12
-    mean: float = 1.5
-    least_seen: int = 400
-    saturated: float = 0.995
+PURE = 0.02
+"""A pixel whose blurred brightness is nearer than this to paper's or to ink's shows it alone."""
 
+DISAGREES = 0.12
+"""Something lies between camera and board where picture and board differ by more than this share of paper in the mean
+of some pixels. Through the glass it is twice as much, for there it shows the room too."""
 
-FLATTENING = Flattening()
+LEAST_SEEN = 400
+"""The fewest pixels that tell something, of the ball and of paper alone."""
+
+SATURATED = 0.995
+"""A channel from here on is saturated."""
 
 
 class Flattened(NamedTuple):
@@ -78,13 +71,13 @@ def flatten(image: Float[np.ndarray, "3 height width"], located: Located) -> Fla
     # Both the photograph and the board, in the pixels of the fitted picture.
     field = find_light(image, located)
     center, radius = located.sight.outline
-    binning = max(1, round(2 * radius / FLATTENING.ball_width))
-    grid = Grid.of(located.size, binning).around(center, FLATTENING.around * radius)
+    binning = max(1, round(2 * radius / BALL_WIDTH))
+    grid = Grid.of(located.size, binning).around(center, AROUND * radius)
     parts = grid.parts(image)
     shape = parts.shape[1:3]
     seen, brightness, reach = look(located, grid)
     on_board = np.isfinite(brightness)
-    ranges = reach > FLATTENING.rim, reach < GLASS_SEARCH.reach
+    ranges = reach > RIM, reach < REACH
     direct, through = ((on_board & chosen).reshape(shape) for chosen in ranges)
 
     # The photograph divided by the light where each pixel looks, and the board that it should then be.
@@ -94,13 +87,13 @@ def flatten(image: Float[np.ndarray, "3 height width"], located: Located) -> Fla
 
     # What is in between does not count, a ring or a highlight: there the mean of some pixels differs from the board's.
     off = np.where(direct | through, (divided - drawn).mean(axis=0), 0.0)
-    off = np.abs(ndimage.gaussian_filter(off, FLATTENING.mean))
-    between = cast("np.ndarray", ndimage.binary_dilation((off > FLATTENING.disagrees) & direct, iterations=3))
-    between |= ndimage.binary_dilation((off > 2 * FLATTENING.disagrees) & through, iterations=1)
-    counts = (direct | through) & ~between & ~(parts.max(axis=(0, 3)) >= FLATTENING.saturated)
-    if np.sum(counts & through) < FLATTENING.least_seen:
+    off = np.abs(ndimage.gaussian_filter(off, 1.5))
+    between = cast("np.ndarray", ndimage.binary_dilation((off > DISAGREES) & direct, iterations=3))
+    between |= ndimage.binary_dilation((off > 2 * DISAGREES) & through, iterations=1)
+    counts = (direct | through) & ~between & ~(parts.max(axis=(0, 3)) >= SATURATED)
+    if np.sum(counts & through) < LEAST_SEEN:
         raise PictureError(
-            f"only {int(np.sum(counts & through))} pixels show the board through the ball, {FLATTENING.least_seen} are "
+            f"only {int(np.sum(counts & through))} pixels show the board through the ball, {LEAST_SEEN} are "
             "wanted: put the ball nearer to the board's middle, or photograph from nearer."
         )
     return Flattened(np.where(counts, divided, 0.0), counts, counts & through, drawn, field, grid)
@@ -116,14 +109,14 @@ def find_light(image: Float[np.ndarray, "3 height width"], located: Located) -> 
     Raises:
         PictureError: too few pixels show paper alone.
     """
-    grid = Grid.of(located.size, max(1, round(located.size[0] / FLATTENING.width)))
+    grid = Grid.of(located.size, max(1, round(located.size[0] / WIDTH)))
     parts = grid.parts(image)
     seen, brightness, reach = look(located, grid)
     blurred = ndimage.gaussian_filter(np.nan_to_num(brightness).reshape(parts.shape[1:3]), located.blur / grid.binning)
-    alone = np.minimum(blurred, 1 - blurred).reshape(-1) < FLATTENING.pure
-    is_dark_enough = (parts.max(axis=(0, 3)) < FLATTENING.saturated).reshape(-1)
-    pure = alone & np.isfinite(brightness) & (reach > FLATTENING.rim) & is_dark_enough
-    if np.sum(pure & (brightness > 0.5)) < FLATTENING.least_seen:
+    alone = np.minimum(blurred, 1 - blurred).reshape(-1) < PURE
+    is_dark_enough = (parts.max(axis=(0, 3)) < SATURATED).reshape(-1)
+    pure = alone & np.isfinite(brightness) & (reach > RIM) & is_dark_enough
+    if np.sum(pure & (brightness > 0.5)) < LEAST_SEEN:
         raise PictureError("too few pixels show paper alone: photograph from nearer, or use larger squares.")
     light = parts.mean(axis=-1).reshape(3, -1)
     return fit_light_field(light[:, pure], seen[pure], brightness[pure], located.board.half)

@@ -11,6 +11,9 @@ DEGREE = 4
 A quadratic serves even light, lamps near the board want more; the degree was not tuned. It leaves 1.1 % of the paper's
 light in room 6 of `experiments/photograph`."""
 
+TILTED = 3
+"""So many of the first terms make a plane."""
+
 OUTLIER = 3.0
 """Robust standard deviations of the field's rest beyond which a pixel is a shadow's edge, a hand or a stain."""
 
@@ -59,9 +62,10 @@ def fit_light_field(
     chosen = np.flatnonzero(paper)[:: max(1, int(np.sum(paper)) // 60_000)]
     keep = np.ones(len(chosen), bool)
     coefficients = np.zeros((3, len(terms)))
-    for _ in range(5):
-        columns = terms[:, chosen[keep]].T
-        coefficients = np.linalg.lstsq(columns, image[:, chosen[keep]].T, rcond=None)[0].T
+    # A tilted plane comes first: it cannot follow a ball into its dark inside, so that this counts as an outlier.
+    for count in (TILTED, TILTED, *[len(terms)] * 4):
+        columns = terms[:count, chosen[keep]].T
+        coefficients[:, :count] = np.linalg.lstsq(columns, image[:, chosen[keep]].T, rcond=None)[0].T
         off = np.max(np.abs(image[:, chosen] / np.maximum(coefficients @ terms[:, chosen], 1e-6) - 1), axis=0)
         keep = off < OUTLIER * 1.4826 * max(float(np.median(off)), 1e-4)
     share = image / np.maximum(coefficients @ terms, 1e-6)
@@ -71,7 +75,7 @@ def fit_light_field(
 
 
 def _terms(place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, "terms *any"]:
-    """The polynomial's terms, products of Legendre's up to `DEGREE` in all, of coordinates from -1 to 1."""
+    """Products of Legendre's polynomials in coordinates from -1 to 1, up to `DEGREE` in all, lowest first."""
     legendre = [np.polynomial.legendre.Legendre.basis(n) for n in range(DEGREE + 1)]
     x, y = np.moveaxis(place, -1, 0)
-    return np.stack([legendre[i](x) * legendre[j](y) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)])
+    return np.stack([legendre[i](x) * legendre[n - i](y) for n in range(DEGREE + 1) for i in range(n + 1)])

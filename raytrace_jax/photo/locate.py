@@ -10,43 +10,41 @@ from jaxtyping import Float
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.boards import Board
-from raytrace_jax.photo.bundle import Adjusted, Corners, View, adjust
+from raytrace_jax.photo.bundle import BALL, Adjusted, Corners, View, adjust
 from raytrace_jax.photo.calibrate import one_lens, one_size
 from raytrace_jax.photo.cameras import COUNT
-from raytrace_jax.photo.corners import where_seen
 from raytrace_jax.photo.find_ball import find_ball
-from raytrace_jax.photo.find_camera import CAMERA_SEARCH, FoundCamera, Photograph, find_camera, known_before, scale_of
+from raytrace_jax.photo.find_camera import (
+    LARGEST_SCATTER,
+    LARGEST_SPREAD,
+    FoundCamera,
+    Photograph,
+    find_camera,
+    known_before,
+    scale_of,
+)
 from raytrace_jax.photo.lens import Lens, Turn
 from raytrace_jax.photo.markers import find_markers, markers_in
 from raytrace_jax.photo.outline import Disc, NoBall, find_discs
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.through_glass import RADIUS
 
+REACH = 0.94
+"""Corners are measured within this share of the outline's radius: the rim is squashed and shows the room."""
 
-class GlassSearch(NamedTuple):
-    """How corners are looked for through the glass.
+LEAST_SQUARE = 4.0
+"""The least pixels of a square's shorter side as it is seen through the glass; a patch of a smaller one is a blur."""
 
-    Args:
-        rounds: how often they are looked for and adjusted to; they may be some pixels off at first.
-        reach: nothing is measured beyond this share of the outline's radius: the rim is squashed and shows the room.
-        least_square: the least pixels of a square's shorter side, as it is seen through the glass; a patch of a smaller
-            one shows a blur.
-        more_scatter: corners through the glass may scatter so many times as much as those beside it. In a photograph
-            that was cut, whose middle is not where the lens looked, it is 3.5 times.
-        least_scatter: a scatter up to this share of the picture's width is right in any case; in the photograph that
-            was cut it is three times as much.
-        least_corners: the fewest corners through the glass; they err, and tell four numbers.
-    """
+MOST_ROUNDS, SETTLED = 12, 0.2
+"""Corners through the glass are looked for so often at most, or until no number of the ball moves by more than this
+share of its error."""
 
-    rounds: int = 4
-    reach: float = 0.94
-    least_square: float = 4.0
-    more_scatter: float = 3.0
-    least_scatter: float = 1e-4
-    least_corners: int = 8
+MORE_SCATTER, LEAST_SCATTER = 3.0, 1e-4
+"""Corners through the glass may scatter so many times as much as those beside it, and in any case by this share of the
+picture's width. In a photograph that was cut, whose middle is not where the lens looked, it is 3.5 times and .0003."""
 
-
-GLASS_SEARCH = GlassSearch()
+LEAST_THROUGH = 8
+"""The fewest corners through the glass; they err, and tell four numbers."""
 
 BLURRED = 1.5
 """Standard deviation of a blur in pixels from which on it is named where a photograph is refused."""
@@ -261,17 +259,19 @@ def _measured(
     # better where these are, so that each round finds more of them.
     known, scale = known_before(lens, radius), scale_of(numbers, radius, lens)
     found, view = None, View(numbers, scale, photograph.size, direct, Corners.none())
-    for number in range(GLASS_SEARCH.rounds):
-        rounds = 2 if number == GLASS_SEARCH.rounds - 1 else 1
-        taken.through = _corners_through(photograph, board, Sight(view.numbers, photograph.size), blur, rounds)
-        if len(taken.through.pixels) < GLASS_SEARCH.least_corners:
+    for _ in range(MOST_ROUNDS):
+        taken.through = _corners_through(photograph, board, Sight(view.numbers, photograph.size), blur)
+        if len(taken.through.pixels) < LEAST_THROUGH:
             raise PictureError(
                 f"{photograph.name}: {len(taken.through.pixels)} corners of the board are found through the ball, and "
-                f"{GLASS_SEARCH.least_corners} are wanted: photograph from nearer, use smaller squares, or put the "
+                f"{LEAST_THROUGH} are wanted: photograph from nearer, use smaller squares, or put the "
                 "ball nearer to the board."
             )
         found = adjust([view._replace(through=taken.through)], known)
+        moved, error = found.views[0].numbers - view.numbers, np.sqrt(np.diagonal(found.views[0].covariance))
         view = view._replace(numbers=found.views[0].numbers, through=taken.through)
+        if np.all(np.abs(moved[BALL]) <= SETTLED * error[BALL]):
+            break
     assert found is not None
     numbers, sigma = view.numbers, found.views[0].sigma
 
@@ -280,8 +280,8 @@ def _measured(
     if np.any(disc.center - disc.radius < 0) or np.any(disc.center + disc.radius > np.array(photograph.size)):
         raise PictureError(f"{photograph.name}: the ball reaches beyond the picture's border: photograph all of it.")
     width = photograph.size[0]
-    likely = max(GLASS_SEARCH.more_scatter * sigma[0], GLASS_SEARCH.least_scatter * width)
-    if sigma[1] > min(CAMERA_SEARCH.largest_scatter * width, likely):
+    likely = max(MORE_SCATTER * sigma[0], LEAST_SCATTER * width)
+    if sigma[1] > min(LARGEST_SCATTER * width, likely):
         raise PictureError(
             f"{photograph.name}: the corners that are seen through the ball scatter by {sigma[1]:.2g} pixels, "
             f"and those beside it by {sigma[0]:.2g}: they are not what they are taken for. Put the ball so that "
@@ -291,21 +291,15 @@ def _measured(
     return view, found
 
 
-def _corners_through(photograph: Photograph, board: Board, sight: Sight, blur: float, rounds: int) -> Corners:
+def _corners_through(photograph: Photograph, board: Board, sight: Sight, blur: float) -> Corners:
     """The corners that are seen through the ball, by patches."""
 
     def see(pixels):
         seen = sight.through(pixels)
-        inside = np.all(np.abs(seen.place) < board.half, axis=1)
-        return seen.place, seen.valid & (seen.reach < GLASS_SEARCH.reach) & inside
-
-    def see_all(pixels):
-        seen = sight.through(pixels)
         return seen.place, seen.valid
 
-    center, radius = sight.outline
-    expected, stretch, visible = where_seen(see, sight.slopes, center, radius, board.places)
-    chosen = visible & (stretch * board.square > GLASS_SEARCH.least_square)
-    found = align(photograph.light, board, board.places[chosen], expected[chosen], see_all, blur, rounds)
+    expected, stretch, visible = sight.where_through(board.places, REACH, board.half)
+    chosen = visible & (stretch * board.square > LEAST_SQUARE)
+    found = align(photograph.light, board, board.places[chosen], expected[chosen], see, blur, rounds=1)
     corners = Corners(found.pixels, board.places[chosen], found.spread)
-    return corners.where(found.good & (found.spread < CAMERA_SEARCH.largest_spread))
+    return corners.where(found.good & (found.spread < LARGEST_SPREAD))

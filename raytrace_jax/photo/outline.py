@@ -19,43 +19,33 @@ from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.through_glass import RADIUS
 
+WIDTH = 480
+"""About how many pixels wide the picture is in which discs are looked for."""
 
-class OutlineSearch(NamedTuple):
-    """How discs are looked for.
+DIFFERS, HIDDEN, DARKEST = 0.3, 0.35, 0.4
+"""A pixel shows something else than the board where its brightness is off by more than this share of paper's; where so
+many of the pixels around differ, all is hidden: in a ball about half do. A shadow leaves the last share of light."""
 
-    Args:
-        width: about how many pixels wide the picture is in which they are looked for.
-        differs: a pixel whose brightness is off by more than this share of paper's shows something else than the board.
-        hidden: where so many of the pixels around differ, all is hidden: in a ball about half of them do.
-        darkest: a shadow leaves this share of the light, or counts as a thing.
-        nearest: the ball's middle is this share of the board's distance away from the camera, or more.
-        growth: radii that are tried grow by this factor.
-        step: middles that are tried are this share of the least radius apart.
-        least_score: discs count whose inside is hidden by so much more than half of what is around them.
-        most: so many discs are told.
-        apart: their middles are so many radii apart, or their radii differ by this share.
-        least_radius: in pixels of the reduced picture; nothing is seen through a smaller disc.
-    """
+NEAREST = 0.5
+"""The ball's middle is this share of the board's distance away from the camera, or more."""
 
-    width: int = 480
-    differs: float = 0.3
-    hidden: float = 0.35
-    darkest: float = 0.4
-    nearest: float = 0.5
-    growth: float = 1.07
-    step: float = 0.15
-    least_score: float = 0.4
-    most: int = 6
-    apart: float = 0.3
-    least_radius: float = 9.0
+LEAST_RADIUS = 9.0
+"""In pixels of the reduced picture; nothing is seen through a smaller disc."""
 
+GROWTH, STEP, LEAST_SCORE = 1.07, 0.15, 0.4
+"""Radii that are tried grow by the first factor, middles are this share of the least radius apart, and discs count
+whose inside is hidden by so much more than half of what is around them."""
 
-OUTLINE_SEARCH = OutlineSearch()
+MOST, APART = 6, 0.3
+"""So many discs are told; their middles are so many radii apart, or their radii differ by this share."""
 
 
 class NoBall(PictureError):
     """A photograph in which no ball is found."""
 
+
+FILLING = (np.arange(24) + 0.5) / 24
+"""Radii at which the inside of a disc is looked at."""
 
 ANGLES = np.arange(32) * (2 * np.pi / 32)
 TOWARD = np.stack([np.cos(ANGLES), np.sin(ANGLES)], -1)
@@ -93,31 +83,31 @@ def find_discs(
         PictureError: there is no disc, or a ball is too small in such a photograph.
     """
     size = (light.shape[1], light.shape[0])
-    sight, grid = Sight(numbers, size), Grid.of(size, max(1, round(size[0] / OUTLINE_SEARCH.width)))
+    sight, grid = Sight(numbers, size), Grid.of(size, max(1, round(size[0] / WIDTH)))
     differs, known, square = _differs(light, board, sight, blur, grid)
-    hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / OUTLINE_SEARCH.hidden, 1)
+    hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / HIDDEN, 1)
 
     # All middles amid what is hidden are tried, with the radii that a ball can have there.
     low, high = (radii.reshape(hidden.shape) / grid.binning for radii in _radii(sight, grid.pixels))
     least, largest = float(np.min(low[known > 0])), float(np.max(high[known > 0]))
-    if largest < OUTLINE_SEARCH.least_radius:
+    if largest < LEAST_RADIUS:
         raise PictureError(
             f"{name}: a ball of this radius is {2 * largest * grid.binning:.0f} pixels wide at most before this board: "
             "photograph from nearer."
         )
-    amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * OUTLINE_SEARCH.least_score
-    step = max(1, round(OUTLINE_SEARCH.step * least))
+    amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * LEAST_SCORE
+    step = max(1, round(STEP * least))
     row, column = (step * at for at in np.nonzero(amid[::step, ::step]))
-    count = int(np.ceil(np.log(float(np.max(high / low))) / np.log(OUTLINE_SEARCH.growth)))
-    growth = OUTLINE_SEARCH.growth ** np.arange(-1, count + 1)
+    count = int(np.ceil(np.log(float(np.max(high / low))) / np.log(GROWTH)))
+    growth = GROWTH ** np.arange(-1, count + 1)
     circles = np.concatenate([np.stack([column, row, low[row, column] * by], -1) for by in growth])
     circles = circles[circles[:, 2] < np.tile(high[row, column], len(growth))]
     scores = _scores(hidden * known, known, circles)
 
     # The best one of each place is fitted to the ragged outline of what differs.
-    starts = _distinct(circles[np.argsort(-scores)][: np.sum(scores > OUTLINE_SEARCH.least_score)])
-    share = ndimage.gaussian_filter(differs, 2.0) * known
-    discs = _distinct([_fitted(one, share, known) for one in starts])
+    starts = _distinct(circles[np.argsort(-scores)][: np.sum(scores > LEAST_SCORE)])
+    sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / HIDDEN, 1)
+    discs = _distinct([_fitted(one, sharp, known) for one in starts])
     if not discs:
         raise NoBall(
             f"{name}: there is no ball before the board: nothing hides it in a disc of a radius of "
@@ -135,7 +125,7 @@ def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"]):
     place, _ = sight.directly(pixels)
     away = np.linalg.norm(np.pad(place, ((0, 0), (0, 1))) - sight.viewpoint, axis=1)
     radius = sight.numbers[BALL][RADIUS]
-    shares = max(1 - radius / sight.viewpoint[2], OUTLINE_SEARCH.nearest), OUTLINE_SEARCH.nearest
+    shares = max(1 - radius / sight.viewpoint[2], NEAREST), NEAREST
     return [
         sight.focal_at(pixels) * radius / np.sqrt(np.maximum((away * share) ** 2 - radius**2, 1e-9)) for share in shares
     ]
@@ -146,26 +136,41 @@ def _distinct(circles: Iterable[Float[np.ndarray, "3"]]) -> list[Float[np.ndarra
     kept: list[np.ndarray] = []
     for circle in circles:
         is_new = all(
-            np.hypot(*(circle[:2] - one[:2])) > OUTLINE_SEARCH.apart * one[2]
-            or abs(np.log(circle[2] / one[2])) > OUTLINE_SEARCH.apart
+            np.hypot(*(circle[:2] - one[:2])) > APART * one[2] or abs(np.log(circle[2] / one[2])) > APART
             for one in kept
         )
-        if is_new and len(kept) < OUTLINE_SEARCH.most:
+        if is_new and len(kept) < MOST:
             kept.append(circle)
     return kept
 
 
-def _fitted(circle: Float[np.ndarray, "3"], share, known) -> Float[np.ndarray, "3"]:
-    """The circle nearby inside of which most differs, and around it least."""
+def _fitted(circle: Float[np.ndarray, "3"], hidden, known) -> Float[np.ndarray, "3"]:
+    """The circle nearby that holds most of what is hidden and least of what is not, which count alike.
 
-    def unlike(x: Float[np.ndarray, "3"]) -> float:
-        growth = np.log(max(x[2], 1.0) / circle[2])
-        # The second term prefers the larger of two discs that differ as much inside: that is the ball.
-        return float(-_scores(share, known, x[None])[0] - 0.05 * growth + max(abs(growth) - 0.2, 0))
+    Where much is hidden around it too, something holds the ball, and the border there is not looked for: the circle is
+    fitted again without these directions.
+    """
+    whole = balance = known * (hidden - 0.5)
+    row, column = np.indices(hidden.shape)
+    for _ in range(2):
 
-    simplex = circle + circle[2] * np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
-    options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-4}
-    return optimize.minimize(unlike, circle, method="Nelder-Mead", options=options).x
+        def unlike(x: Float[np.ndarray, "3"], start=circle, balance=balance) -> float:
+            growth = np.log(max(x[2], 1.0) / start[2])
+            places = x[:2] + x[2] * FILLING[:, None, None] * TOWARD
+            inside = ndimage.map_coordinates(balance, np.moveaxis(places, -1, 0)[::-1], order=1)
+            is_far = max(abs(growth) - 0.4, 0)
+            return float(-np.exp(2 * growth) * (inside.mean(axis=1) @ FILLING) + is_far * len(FILLING))
+
+        simplex = circle + circle[2] * np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+        options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-4}
+        circle = optimize.minimize(unlike, circle, method="Nelder-Mead", options=options).x
+        beyond = circle[:2] + circle[2] * AROUND[:, None, None] * TOWARD
+        around = ndimage.map_coordinates(hidden * known, np.moveaxis(beyond, -1, 0)[::-1], order=1).mean(axis=0)
+        if np.sum(is_held := around > 0.5) > len(TOWARD) // 2:
+            break
+        sector = np.round(np.arctan2(row - circle[1], column - circle[0]) / ANGLES[1]).astype(int) % len(TOWARD)
+        balance = np.where(is_held[sector], 0.0, whole)
+    return circle
 
 
 def _scores(
@@ -193,7 +198,10 @@ def _differs(light, board: Board, sight: Sight, blur: float, grid: Grid):
     seen, expected = _expected(sight, board, grid, blur)
     known = np.isfinite(expected)
     flat = grid.parts(light[None]).mean(axis=-1).reshape(-1)
-    field = fit_light_field(np.repeat(flat[None, known], 3, 0), seen[known], expected[known], board.half)
+    # A pixel that is mostly paper tells of its light as paper alone would.
+    as_paper = flat / np.where(expected > 0.5, expected, 1.0)
+    clear = known & (np.abs(np.nan_to_num(expected) - 0.5) > 0.2)
+    field = fit_light_field(np.repeat(as_paper[None, clear], 3, 0), seen[clear], expected[clear], board.half)
     shape = grid.size[::-1]
     wanted = (field.ink[0] + (1 - field.ink[0]) * np.nan_to_num(expected)).reshape(shape)
     divided = (flat / np.maximum(field.at(np.nan_to_num(seen))[0], 1e-6)).reshape(shape)
@@ -203,9 +211,9 @@ def _differs(light, board: Board, sight: Sight, blur: float, grid: Grid):
     across = sight.where(np.array([[-board.square / 2, 0], [board.square / 2, 0]]))
     square = float(np.linalg.norm(across[1] - across[0])) / grid.binning
     product, squared = (ndimage.gaussian_filter(known * one * wanted, square) for one in (divided, wanted))
-    nearby = np.clip(product / np.maximum(squared, 1e-6), OUTLINE_SEARCH.darkest, 1)
+    nearby = np.clip(product / np.maximum(squared, 1e-6), DARKEST, 1)
     off = np.minimum(np.abs(divided - wanted), np.abs(divided / nearby - wanted))
-    return known * (off > OUTLINE_SEARCH.differs), known, square
+    return known * (off > DIFFERS), known, square
 
 
 def _expected(sight: Sight, board: Board, grid: Grid, blur: float):

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
+from scipy.spatial import KDTree
 
 from raytrace_jax.photo.bundle import BALL
 from raytrace_jax.photo.cameras import COUNT, directions, focal_length, on_board, principal_point, project, viewpoint
@@ -43,6 +44,40 @@ class Sight:
         """The pixels in which places of the board are seen directly."""
         flat = np.concatenate([places, np.zeros_like(places[:, :1])], axis=1)
         return self._in_parts(_where, flat)[0]
+
+    def where_through(
+        self, places: Float[np.ndarray, "n 2"], reach: float, half: Float[np.ndarray, "2"]
+    ) -> tuple[Pixels, Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """The pixels in which places of the board are seen through the ball, by Newton's method from a grid of rays.
+
+        Args:
+            places: on the board's plane.
+            reach: nothing counts as seen beyond this share of the outline's radius.
+            half: half the board's width and height; beyond it nothing counts either.
+
+        Returns:
+            The pixels, how large a step of one unit on the board is there at least, in pixels, and which places are
+            seen.
+        """
+
+        def see(pixels):
+            seen = self.through(pixels)
+            return seen.place, seen.valid & (seen.reach < reach) & np.all(np.abs(seen.place) < half, axis=1)
+
+        # 160 rays a side over the outline: Newton's method starts from the one that passes nearest to the place.
+        center, radius = self.outline
+        axis = np.linspace(-1, 1, 160)
+        grid = center + radius * np.stack(np.meshgrid(axis, axis), -1).reshape(-1, 2)
+        place, counts = see(grid)
+        pixels = grid[KDTree(np.where(counts[:, None], place, 1e9)).query(places)[1]]
+        for _ in range(6):
+            place, _ = see(pixels)
+            step = np.linalg.solve(self.slopes(pixels) + 1e-12 * np.eye(2), (places - place)[..., None])[..., 0]
+            length = np.linalg.norm(step, axis=1, keepdims=True)
+            pixels = pixels + step * np.minimum(1, 0.1 * radius / np.maximum(length, 1e-12))
+        place, counts = see(pixels)
+        stretch = 1 / np.maximum(np.linalg.svd(self.slopes(pixels), compute_uv=False)[:, 0], 1e-12)
+        return pixels, stretch, counts & (np.linalg.norm(place - places, axis=1) * stretch < 0.01)
 
     @property
     def viewpoint(self) -> Float[np.ndarray, "3"]:

@@ -24,14 +24,13 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.photo.boards import Board, read_board
-from raytrace_jax.photo.budget import budget
 from raytrace_jax.photo.calibrate import calibrate
 from raytrace_jax.photo.cameras import COUNT, FOV, LENS
 from raytrace_jax.photo.find_camera import Photograph, photograph_of
 from raytrace_jax.photo.flattened import Flattened, flatten
 from raytrace_jax.photo.lens import Lens, Turn, read_lens, turned, uncalibrated, write_lens
 from raytrace_jax.photo.locate import Located, Together, locate_together
-from raytrace_jax.photo.opinions import AGREE, joined, told_together
+from raytrace_jax.photo.opinions import AGREE, budget, joined, told_together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.room_scene import FREE, RoomScene, room_scene
 from raytrace_jax.photo.through_glass import RADIUS
@@ -124,8 +123,10 @@ def run_photo(command: Photo) -> int:
                 except PictureError as no_light:  # The corners need no light.
                     dark[k] = no_light
             timer.took("corners")
-        for k, refusal in together.refused.items():
-            print_warning(f"{refusal} It is left out: see {folder / f'located{ends[k]}.png'}.")
+        for k, refusal in (together.refused | together.bare).items():
+            if k in together.refused or refusal.taken.discs:
+                left = "is left out" if k in together.refused else "tells of the lens alone"
+                print_warning(f"{refusal} It {left}: see {folder / f'located{ends[k]}.png'}.")
         numbers = told_together(together, [str(path) for path in command.photos])
         made = [provenance(path) for path in command.photos]
         numbers |= {"provenance": made if several else made[0]}
