@@ -31,9 +31,6 @@ from raytrace_jax.tracer.world import MOST_SHAPES, prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import with_lower_ranks
 
-PROBED = 4096
-"""Pixels that are traced to measure how many rays pixels want."""
-
 
 class Room(NamedTuple):
     """The sizes of a pure picture's batches; static and hashable.
@@ -63,7 +60,7 @@ def _measured(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacit
     """The capacity of a batch, from tracing some pixels that are spread over the picture."""
     settings = dataclasses.replace(settings, samples=1, aov=())
     pixels = picture_pixels(scene, settings)
-    some = pixels.points[:, spread_out(pixels.points.shape[1])[0][:PROBED]]
+    some = pixels.points[:, spread_out(pixels.points.shape[1])[0][:4096]]
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
     pixel_outputs(scenes, some, settings, pixels.step)
     return capacity_for(slack * known_need(scene_key(scenes, settings.of_rays), settings), derivatives=True)

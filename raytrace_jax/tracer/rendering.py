@@ -116,13 +116,9 @@ def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int 
             + (derivatives > 0) * f" with derivatives by {derivatives} numbers"
         )
         raise PictureError(
-            f"{what} needs about {_gigabytes(needed)} of memory, and {_gigabytes(free)} are free: render it in parts "
+            f"{what} needs about {needed / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free: render it in parts "
             "(--crop), or smaller (--size)."
         )
-
-
-def _gigabytes(size: int) -> str:
-    return f"{size / 1e9:.3g} GB"
 
 
 def render(scene: Scene, settings: RenderSettings | None = None) -> Film:
