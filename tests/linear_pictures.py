@@ -6,14 +6,14 @@ import numpy as np
 from linear_fit import linear_names, linear_problem
 from scipy import ndimage
 
-from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 
 SIZE = (64, 80)
 SIGMA = 0.02
 A, B, C = linear_names(3)
-POINT = Comparison("point")
+POINT = Stage("point")
 
 
 def smooth_columns():
@@ -38,13 +38,13 @@ def picture(values, columns=COLUMNS):
     return np.tensordot(values, columns, 1)
 
 
-def state_at(problem, y=None, comparison=POINT, settled=True):
+def state_at(problem, y=None, stage=POINT, settled=True):
     """The state of a fit at unknowns, or at the start."""
-    state = FitState.at(problem, problem.start() if y is None else problem.array(y), comparison)
+    state = FitState.at(problem, problem.start() if y is None else problem.array(y), stage)
     return dataclasses.replace(state, settled=settled)
 
 
-def judged(noise, comparison=POINT, sigma=None, values=None, columns=COLUMNS, **options):
+def judged(noise, stage=POINT, sigma=None, values=None, columns=COLUMNS, **options):
     """How sure the least-squares estimate, or given values, of a picture with such noise are."""
     truth = np.resize(TRUTH, len(columns))
     target = picture(truth, columns) + noise
@@ -54,7 +54,7 @@ def judged(noise, comparison=POINT, sigma=None, values=None, columns=COLUMNS, **
         values = np.linalg.lstsq(rows / length, target.reshape(-1), rcond=1e-12)[0] / length
     problem = linear_problem(columns, target, **options)
     y = problem.array(problem.unknowns.unknowns(values))
-    return quantify_uncertainty(state_at(problem, y, comparison), sigma)
+    return quantify_uncertainty(state_at(problem, y, stage), sigma)
 
 
 def white(seed=0):

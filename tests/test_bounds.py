@@ -1,5 +1,7 @@
 """Parameters that run to their bounds: the others then are where least squares within the bounds have them."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,18 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from linear_fit import linear_problem
-from linear_pictures import COLUMNS, POINT, SIGMA, picture, white
+from linear_pictures import COLUMNS, POINT, picture, white
 from posing import posed_problem
 from scenes import assignment_scene
 from scipy.optimize import lsq_linear
 
 from raytrace_jax import RenderSettings
-from raytrace_jax.inverse.solvers import RefineOptions, StopRule, Tolerance, gauss_newton, levenberg_marquardt
+from raytrace_jax.inverse.solvers import gauss_newton, levenberg_marquardt
 from raytrace_jax.inverse.steps import Recorder, bounds_reached, shorten_step
 from raytrace_jax.inverse.unknowns import Transform
 
-STEPS = 60
-EXACT = Tolerance(1e-10, 1e-12, 3)
+EXACT = dataclasses.replace(POINT, relative=1e-10, decrease=1e-12)
 TRANSFORMS = (Transform("above"), Transform("between"), Transform())
 LOWER, UPPER = np.array([0, 0, -np.inf]), np.array([np.inf, 1, np.inf])
 
@@ -26,7 +27,7 @@ LOWER, UPPER = np.array([0, 0, -np.inf]), np.array([np.inf, 1, np.inf])
 def solved(truth, start, noise=0.0):
     """The problem, and where a solver ends."""
     problem = linear_problem(COLUMNS, picture(truth) + noise, start=start, transforms=TRANSFORMS)
-    return problem, levenberg_marquardt(problem, problem.start(), POINT, EXACT, STEPS)
+    return problem, levenberg_marquardt(problem, problem.start(), EXACT)
 
 
 def best(truth, noise=0.0):
@@ -56,9 +57,8 @@ def test_a_solver_ends_at_the_least_squares_within_the_bounds(truth, reached, st
 def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_error_bar():
     noise = white()
     problem, state = solved(np.array([0, 0.5, 0.7]), np.array([0.3, 0.3, 0.0]), noise)
-    options = RefineOptions("point", "l2", SIGMA, STEPS, 0, 0)
     recorder = Recorder(problem, None, None, None)
-    ended = gauss_newton(state, lambda *_: problem, StopRule(20, 0.01, 1e-13), options, recorder)
+    ended = gauss_newton(state, lambda *_: problem, recorder.step)
     assert ended.settled and np.all(np.isfinite(ended.y))
     np.testing.assert_allclose(problem.values(ended.y), best(np.array([0, 0.5, 0.7]), noise), atol=2e-6)
 
@@ -66,7 +66,7 @@ def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_erro
 @given(st.sampled_from(TRANSFORMS[:2]), st.floats(-100, 100))
 def test_beyond_the_reach_is_its_end_and_the_derivative_there_is_that_inside(transform, y):
     value = float(transform.to_value(jnp.asarray(y)))
-    assert transform.lower <= value and (transform.kind == "above" or value <= transform.upper)
+    assert transform.lower <= value and (transform.bounds == "above" or value <= transform.upper)
     for end in transform.reach:
         if np.isfinite(end):
             assert float(jax.grad(transform.to_value)(jnp.asarray(end))) == transform.width

@@ -5,18 +5,19 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+from linear_fit import linear_problem
 from posing import posed_problem
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
-from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.sampling import correct
 from raytrace_jax.tracer import run
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.pixels import pixel_colors
 
 SMALL = resolved(size=(48, 36), max_bounces=2, crop=(5, 3, 30, 24))
-AWARE = Comparison("aware")
+AWARE = Stage("aware")
 
 
 @pytest.fixture
@@ -82,3 +83,10 @@ def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
     assert after.max() < 2e-3 and after.mean() < 0.25 * before.mean()
     np.testing.assert_array_equal(corrected.observation.target, problem.observation.target)
     np.testing.assert_array_equal(corrected.observation.root_weight, problem.observation.root_weight)
+
+
+def test_a_picture_whose_samples_agree_with_it_everywhere_has_no_bias():
+    columns = np.random.default_rng(0).normal(size=(2, 3, 12, 16))
+    problem = linear_problem(columns, columns[0], start=np.array([0.3, 0.2]))
+    corrected, _ = correct(problem, problem.start(), AWARE)
+    np.testing.assert_allclose(corrected.observation.bias, 0, atol=1e-12)

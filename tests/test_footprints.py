@@ -11,7 +11,7 @@ from scenes import assignment_scene, resolved
 
 from raytrace_jax import RenderSettings, make_renderer, optics, parse_scene, set_parameters
 from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.geometry.intersection import intersect
+from raytrace_jax.tracer.geometry.intersection import intersect, least_distance
 from raytrace_jax.tracer.geometry.rays import Footprint, take
 from raytrace_jax.tracer.shading.quadrature import mean, positive_fractions
 from raytrace_jax.tracer.visibility.footprints import NODE, bounded, light_nodes, subdivide, transport
@@ -43,7 +43,7 @@ def test_thirds_lie_side_by_side_and_make_up_the_footprint(second):
         np.testing.assert_allclose(jnp.sum(part.d**2, axis=0), 1)
     np.testing.assert_allclose(parts[2].d - parts[1].d, whole[axis] / 3, atol=2e-4)
     np.testing.assert_allclose(parts[1].d, rays.d)
-    np.testing.assert_allclose(sum(part.weight for part in parts), rays.weight)
+    np.testing.assert_allclose(sum(part.throughput for part in parts), rays.throughput)
 
 
 def test_the_loop_over_many_shapes_finds_the_two_that_straight_line_code_finds(unroll):
@@ -51,7 +51,9 @@ def test_the_loop_over_many_shapes_finds_the_two_that_straight_line_code_finds(u
     found = []
     for most in (12, 0):
         unroll(most)
-        two_nearest = jax.jit(lambda world, rays: find_two_nearest(world.shapes, rays, live, live, world.unit, AWARE))
+        two_nearest = jax.jit(
+            lambda world, rays: find_two_nearest(world.shapes, rays, live, live, least_distance(world.unit), AWARE)
+        )
         found.append(two_nearest(world, rays))
     for straight, looped in zip(*found, strict=True):
         np.testing.assert_array_equal(looped.code, straight.code)

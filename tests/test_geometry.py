@@ -12,10 +12,11 @@ from scenes import random_scene, resolved
 
 from raytrace_jax import parse_scene
 from raytrace_jax.tracer.geometry import intersection, shape_types
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take, unpacked
 from raytrace_jax.tracer.geometry.shape_types import scene_shapes as shapes_of
 from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.levels.integrator import pack_rays, trace_points, unpacked
+from raytrace_jax.tracer.levels.compaction import pack_rays
+from raytrace_jax.tracer.levels.integrator import trace_points
 from raytrace_jax.tracer.world import prepare_world
 
 SETTINGS = resolved()

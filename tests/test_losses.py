@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from linear_fit import linear_problem
 
-from raytrace_jax.inverse.linearize import LOSSES, Comparison
+from raytrace_jax.inverse.linearize import LOSSES
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.solvers import gauss_newton_step
 
 NAMES = sorted(LOSSES)
@@ -93,7 +94,7 @@ def test_one_step_meets_a_target_that_a_linear_picture_can_meet_however_far_it_i
     """The root of the loss, in place of its weights, would overshoot."""
     columns, truth = np.random.default_rng([0, 4]).normal(size=(2, 3, 8, 8)), np.array([3.0, -2.0])
     problem = linear_problem(columns, np.tensordot(truth, columns, 1))
-    found = problem.linearize(problem.start(), Comparison("point", loss=name, loss_scale=0.05))
+    found = problem.linearize(problem.start(), Stage("point", loss=name, loss_scale=0.05))
     np.testing.assert_allclose(gauss_newton_step(found), truth, rtol=1e-9)
     residual = jnp.asarray(-np.tensordot(truth, columns, 1))
     assert found.cost == pytest.approx(0.5 * float(jnp.sum(LOSSES[name].residual(residual, jnp.asarray(0.05)) ** 2)))

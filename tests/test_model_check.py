@@ -31,13 +31,13 @@ A, B, C = linear_names(3)
 ROWS = COLUMNS[:FREE].reshape(FREE, -1).T
 
 
-def checked(target, comparison=POINT, uncertain=None, **options):
+def checked(target, stage=POINT, uncertain=None, **options):
     """The least-squares fit of the first two numbers, with the third where the scene has it; and its check."""
     rest = (target - TRUTH[2] * COLUMNS[2]).reshape(-1)
     values = np.linalg.lstsq(ROWS, rest, rcond=None)[0]
     problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH, **options)
     y = problem.array(problem.unknowns.unknowns(values))
-    state = state_at(problem, y, comparison)
+    state = state_at(problem, y, stage)
     sure = quantify_uncertainty(state, None)
     found = check_model(state, sure.standard_error, uncertain or {})
     return values, sure, found
@@ -197,7 +197,7 @@ def test_what_storing_its_samples_did_to_their_means_is_no_structure():
         state = state_at(problem)
         of_grid = dataclasses.replace(state, target_samples=8)
         # Means of samples that are on no grid which was told.
-        aware = dataclasses.replace(state, comparison=dataclasses.replace(POINT, edges="aware"))
+        aware = dataclasses.replace(state, stage=dataclasses.replace(POINT, edges="aware"))
         for one, expected in ((of_grid, is_structured), (aware, is_structured), (state, True)):
             assert check_model(one, np.ones(FREE), {}).is_structured == expected
 

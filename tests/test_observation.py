@@ -180,7 +180,7 @@ def test_exposure_and_offset_are_a_gain_and_an_offset_of_all_channels_and_begin_
     np.testing.assert_allclose(get_parameter(moved, "film.gain"), 2)
     np.testing.assert_allclose(get_parameter(moved, "film.offset"), 0.1)
     assert float(unknowns.values(jnp.asarray([0.0, -30.0, -5.0]))[1]) > 0  # A gain is positive.
-    assert unknowns.light.names == ("vitreous.ior",) and unknowns.light.ties == ()
+    assert unknowns.traced_unknowns.names == ("vitreous.ior",) and unknowns.traced_unknowns.ties == ()
 
 
 def test_film_and_scene_cannot_be_tied():

@@ -12,7 +12,15 @@ from posing import posed_problem
 from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, picture_derivatives, render, set_parameters
-from raytrace_jax.inverse.changes import SIDE, Pixels, chances, look_at, margin_at, number_changes, parameter_changes
+from raytrace_jax.inverse.changes import (
+    SIDE,
+    SampledPicture,
+    chances,
+    draw_sample,
+    margin_at,
+    number_changes,
+    parameter_changes,
+)
 from raytrace_jax.inverse.fixed import fixed_numbers
 from raytrace_jax.inverse.search import best_films
 
@@ -30,7 +38,7 @@ def problem_of(free, **options):
 
 
 def pixels_of(problem, edges):
-    return Pixels(problem, problem.start(), look_at(WEIGHTS > 0, WEIGHTS, 10_000), edges)
+    return SampledPicture(problem, problem.start(), draw_sample(WEIGHTS > 0, WEIGHTS, 10_000), edges)
 
 
 def relative(found, wanted):
@@ -46,7 +54,7 @@ def test_differences_are_the_derivatives(edges, error):
     found = parameter_changes(pixels)
     linearization = problem.linearize(problem.start(), dataclasses.replace(POINT, edges=edges))
     wanted = np.asarray(linearization.pixel_jacobian) / problem.slopes(problem.start())[:, None, None, None]
-    for one, other in zip(found, pixels.looked.of(wanted), strict=True):
+    for one, other in zip(found, pixels.sample.of(wanted), strict=True):
         assert relative(one, other) < error
         if edges == "point":
             assert np.mean(np.abs(one - other) > 1e-5 * np.abs(other).max()) < 0.005
@@ -84,7 +92,9 @@ def test_a_number_at_its_limit_moves_inward():
     problem = posed_problem(scene, np.asarray(render(SCENE, SETTINGS).image), ["vitreous.ior"], SETTINGS)
     numbers = fixed_numbers(problem)
     (place,) = [k for k, name in enumerate(numbers.names) if name == "cyan.alpha"]
-    pixels = Pixels(problem, problem.start(), look_at(np.ones((30, 40), bool), np.ones((30, 40)), 10_000), "point")
+    pixels = SampledPicture(
+        problem, problem.start(), draw_sample(np.ones((30, 40), bool), np.ones((30, 40)), 10_000), "point"
+    )
     found = number_changes(pixels, numbers)[place].reshape(3, 30, 40)
     wanted = picture_derivatives(scene, ["vitreous.alpha"], SETTINGS).values[0]
     wanted = np.asarray(wanted)
@@ -101,8 +111,10 @@ def test_changes_are_those_after_the_film(free):
     problem = posed_problem(scene, target, ["vitreous.ior", "vitreous.radius", *free], SETTINGS, WEIGHTS)
     margin = margin_at(problem, problem.start())
     assert margin == (3 if "film.blur" in free else 0)
-    pixels = Pixels(problem, problem.start(), look_at(np.ones((30, 40), bool), np.ones((30, 40)), 10_000), "point")
-    assert len(pixels.judged.row) < len(pixels.looked.row) and np.all(pixels.judged.of(WEIGHTS) > 0)
+    pixels = SampledPicture(
+        problem, problem.start(), draw_sample(np.ones((30, 40), bool), np.ones((30, 40)), 10_000), "point"
+    )
+    assert len(pixels.judged.row) < len(pixels.sample.row) and np.all(pixels.judged.of(WEIGHTS) > 0)
     found = parameter_changes(pixels)
     linearization = problem.linearize(problem.start(), POINT)
     wanted = np.asarray(linearization.pixel_jacobian) / problem.slopes(problem.start())[:, None, None, None]
@@ -134,18 +146,18 @@ def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
     rows, _ = best_films(known, np.stack([start, start]), light, 1)
     assert rows[0, 2] == 1 and rows[0, 1] == pytest.approx(0.9)
     powers = posed_problem(SCENE, target, [*free, "film.gamma"], SETTINGS, WEIGHTS)
-    assert powers.linear_places == ()
+    assert powers.linear_indices == ()
 
 
 def test_of_a_small_picture_all_pixels_that_count_are_looked_at():
     counts = np.arange(7 * 9).reshape(7, 9) % 3 > 0
-    looked = look_at(counts, np.ones((7, 9)), 1000)
+    sample = draw_sample(counts, np.ones((7, 9)), 1000)
     seen = np.zeros((7, 9), int)
-    np.add.at(seen, (looked.row, looked.column), 1)
+    np.add.at(seen, (sample.row, sample.column), 1)
     np.testing.assert_array_equal(seen, counts)
-    assert np.all(looked.chance == 1)
-    np.testing.assert_array_equal(looked.square, looked.row // SIDE * 3 + looked.column // SIDE)
-    np.testing.assert_array_equal(looked.of(np.arange(63).reshape(7, 9)), np.flatnonzero(counts))
+    assert np.all(sample.chance == 1)
+    np.testing.assert_array_equal(sample.square, sample.row // SIDE * 3 + sample.column // SIDE)
+    np.testing.assert_array_equal(sample.of(np.arange(63).reshape(7, 9)), np.flatnonzero(counts))
 
 
 @given(st.integers(0, 10**6), st.integers(200, 3000))
@@ -153,18 +165,18 @@ def test_about_as_many_are_chosen_as_are_wanted_and_sums_are_about_right(seed, m
     random = np.random.default_rng(seed)
     weight = random.uniform(0.2, 1, size=(80, 100))
     weight[30:34] *= 30
-    looked = look_at(np.ones((80, 100), bool), weight, most)
-    assert abs(len(looked.row) - most) <= 2 * SIDE**2 + 0.05 * most
-    assert np.all((looked.chance > 0) & (looked.chance <= 1))
-    assert abs(np.sum(looked.of(weight) / looked.chance) / weight.sum() - 1) < 0.35
+    sample = draw_sample(np.ones((80, 100), bool), weight, most)
+    assert abs(len(sample.row) - most) <= 2 * SIDE**2 + 0.05 * most
+    assert np.all((sample.chance > 0) & (sample.chance <= 1))
+    assert abs(np.sum(sample.of(weight) / sample.chance) / weight.sum() - 1) < 0.35
 
 
 def test_what_decides_is_looked_at_for_certain():
     weight = np.full((40, 40), 1e-6)
     weight[8:12, 8:12] = 1
-    looked = look_at(np.ones((40, 40), bool), weight, 300)
-    inside = (looked.row // SIDE == 2) & (looked.column // SIDE == 2)
-    assert inside.sum() == SIDE**2 and np.all(looked.chance[inside] == 1)
+    sample = draw_sample(np.ones((40, 40), bool), weight, 300)
+    inside = (sample.row // SIDE == 2) & (sample.column // SIDE == 2)
+    assert inside.sum() == SIDE**2 and np.all(sample.chance[inside] == 1)
 
 
 @given(st.lists(st.floats(1e-9, 1), min_size=2, max_size=50), st.integers(1, 200))

@@ -5,8 +5,8 @@ import pytest
 from linear_fit import linear_names, linear_problem
 from linear_pictures import state_at
 
-from raytrace_jax.inverse.linearize import Comparison
-from raytrace_jax.inverse.profile import FARTHEST_ERRORS, POINTS, draw_profile, interval
+from raytrace_jax.inverse.options import Stage
+from raytrace_jax.inverse.profile import FARTHEST_ERRORS, draw_profile, interval
 from raytrace_jax.inverse.result import PROFILE_95
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
@@ -29,8 +29,8 @@ def drawn(place, columns=COLUMNS, priors=None):
     system = np.concatenate([rows, np.diag(precision)])
     best = np.linalg.lstsq(system, np.concatenate([target, precision * mean]), rcond=1e-12)[0]
     problem = linear_problem(columns, target.reshape(columns.shape[1:]), priors=priors)
-    comparison, y = Comparison("point", noise=SIGMA), problem.array(best)
-    solution = state_at(problem, y, comparison)
+    stage, y = Stage("point", noise=SIGMA), problem.array(best)
+    solution = state_at(problem, y, stage)
     sure = quantify_uncertainty(solution, SIGMA)
     return draw_profile(solution, place, sure, 30, Recorder(problem, None, None, None)), best, sure
 
@@ -42,7 +42,7 @@ def test_a_linear_pictures_profile_is_the_textbooks_parabola(place):
     away = found.value - best[place]
     assert found.name == linear_names(3)[place]
     reach = FARTHEST_ERRORS * sure.standard_error[place]
-    np.testing.assert_allclose(away, np.linspace(-reach, reach, 2 * POINTS + 1), atol=1e-9)
+    np.testing.assert_allclose(away, np.linspace(-reach, reach, 13), atol=1e-9)
     np.testing.assert_allclose(found.chi_square, away**2 / covariance[place, place], rtol=1e-5, atol=1e-6)
     along = covariance[:, place] / covariance[place, place]
     np.testing.assert_allclose(found.others, best[:, None] + along[:, None] * away, atol=1e-6)

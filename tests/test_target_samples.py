@@ -8,11 +8,10 @@ from scenes import assignment_scene
 
 from raytrace_jax.inverse.forward import Picture, observe
 from raytrace_jax.inverse.grid import GridPicture, settle_on_grid
-from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.noise import block_scatter, sampling_weights
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.sampling import detect_grid, point_sampled
-from raytrace_jax.inverse.solvers import RefineOptions
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.inverse.unknowns import make_prior, make_unknowns
 from raytrace_jax.scene.scene import map_scenes
@@ -20,7 +19,7 @@ from raytrace_jax.tracer.pixels import pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SMALL = ResolvedSettings(size=(48, 36), max_bounces=2)
-AWARE = Comparison("aware")
+AWARE = Stage("aware")
 
 
 def posed(target):
@@ -49,7 +48,7 @@ def jittered(problem, count):
     scene, total = map_scenes(lambda x: np.asarray(x)[None], problem.scene_at(problem.start())), 0.0
     for _ in range(count):
         right, down = random.uniform(-0.5, 0.5, (2, len(column)))
-        places = problem.places(column + right, row + down)
+        places = problem.picture_points(column + right, row + down)
         total = total + pixel_colors(scene, places, SMALL)[0]
     return (total / count).reshape(3, 36, 48)
 
@@ -74,9 +73,7 @@ def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, 
     target = point_sampled(problem, problem.start(), samples).mean
     one, y = posed(target), problem.start() + 3e-4
     begun = state_at(one, y, AWARE)
-    found = settle_on_grid(
-        one, begun, samples, RefineOptions("aware", "l2", None, 60, 0, 0), Recorder(one, None, None, None)
-    )
+    found = settle_on_grid(one, begun, samples, Recorder(one, None, None, None))
     spread = float(np.sqrt(found.resolution[0, 0]))
     assert found.settled and found.target_samples == samples
     assert abs(float(found.y[0] - problem.start()[0])) < 0.6 * spread < 0.01 / samples**2

@@ -25,8 +25,9 @@ from linear_pictures import (
     white,
 )
 
-from raytrace_jax.inverse.linearize import LOSSES, Comparison
+from raytrace_jax.inverse.linearize import LOSSES
 from raytrace_jax.inverse.noise import storage_scatter
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.solvers import gauss_newton_step
 from raytrace_jax.inverse.uncertainty import in_words, noise_level, quantify_uncertainty
 from raytrace_jax.inverse.unknowns import Transform
@@ -69,9 +70,9 @@ def test_the_bound_is_the_inverse_of_fishers_information():
 
 
 @pytest.mark.parametrize("shown", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("comparison", [POINT, Comparison("point", loss="cauchy", loss_scale=3 * SIGMA)])
-def test_no_error_is_below_the_bound_of_the_noise_that_was_stated(shown, comparison):
-    sure = judged(shown * white(), comparison, sigma=SIGMA)
+@pytest.mark.parametrize("stage", [POINT, Stage("point", loss="cauchy", loss_scale=3 * SIGMA)])
+def test_no_error_is_below_the_bound_of_the_noise_that_was_stated(shown, stage):
+    sure = judged(shown * white(), stage, sigma=SIGMA)
     np.testing.assert_allclose(sure.standard_error, TEXTBOOK, rtol=0.08)
 
 
@@ -159,8 +160,8 @@ def test_the_noise_is_measured_where_the_picture_depends_on_a_parameter():
     """A backdrop that fits exactly says nothing of the noise elsewhere."""
     columns, noise = COLUMNS.copy(), white()
     columns[:, :, 30:] = noise[:, 30:] = 0
-    for comparison in (POINT, Comparison("point", loss="cauchy", loss_scale=2.385 * SIGMA)):
-        assert judged(noise, comparison, columns=columns).sigma == pytest.approx(SIGMA, rel=0.12)
+    for stage in (POINT, Stage("point", loss="cauchy", loss_scale=2.385 * SIGMA)):
+        assert judged(noise, stage, columns=columns).sigma == pytest.approx(SIGMA, rel=0.12)
 
 
 def test_outliers_hardly_touch_the_noise_level_under_a_robust_loss():
@@ -168,8 +169,8 @@ def test_outliers_hardly_touch_the_noise_level_under_a_robust_loss():
     noise[:, ::7, ::7] = 0.8
     problem = linear_problem(COLUMNS, picture(TRUTH) + noise)
     y = problem.array(TRUTH)
-    comparison = Comparison("point", loss="cauchy", loss_scale=2.385 * SIGMA)
-    assert noise_level(state_at(problem, y, comparison)) == pytest.approx(SIGMA, rel=0.1)
+    stage = Stage("point", loss="cauchy", loss_scale=2.385 * SIGMA)
+    assert noise_level(state_at(problem, y, stage)) == pytest.approx(SIGMA, rel=0.1)
     assert noise_level(state_at(problem, y)) > 4 * SIGMA
 
 
@@ -196,8 +197,8 @@ def test_a_robust_estimate_scatters_as_reported_among_outliers():
         return off
 
     true = np.std([estimate(outliers(seed)) for seed in range(300)], axis=0)  # known to 4 %
-    comparison = Comparison("point", loss="cauchy", loss_scale=scale)
-    found = [judged(outliers(s), comparison, values=TRUTH + estimate(outliers(s))).standard_error for s in range(20)]
+    stage = Stage("point", loss="cauchy", loss_scale=scale)
+    found = [judged(outliers(s), stage, values=TRUTH + estimate(outliers(s))).standard_error for s in range(20)]
     np.testing.assert_allclose(np.mean(found, axis=0), true, rtol=0.15)
     assert np.all(true < 0.5 * spread(outliers))
 
@@ -221,8 +222,8 @@ def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
     for transforms in (None, [Transform(), Transform("between"), Transform("above", 1.0)]):
         problem = linear_problem(columns, picture(values) + white(), transforms=transforms, priors={C: (1.2, 1e-3)})
         y = problem.array(problem.unknowns.unknowns(values))
-        comparison = Comparison("point", noise=SIGMA)
-        found.append(quantify_uncertainty(state_at(problem, y, comparison), SIGMA))
+        stage = Stage("point", noise=SIGMA)
+        found.append(quantify_uncertainty(state_at(problem, y, stage), SIGMA))
     for one, other in zip(*map(vars, found), strict=True):
         assert one == other
     np.testing.assert_allclose(found[1].standard_error, found[0].standard_error, rtol=1e-9)
@@ -232,7 +233,7 @@ def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
 
 @pytest.mark.parametrize("loss", ["l2", "cauchy"])
 def test_a_picture_that_is_met_exactly_has_errors_of_nothing(loss):
-    sure = judged(np.zeros((3, *SIZE)), Comparison("point", loss=loss, loss_scale=1e-12), values=TRUTH)
+    sure = judged(np.zeros((3, *SIZE)), Stage("point", loss=loss, loss_scale=1e-12), values=TRUTH)
     assert np.all(sure.standard_error < 1e-12) and sure.undetermined == ()
 
 
@@ -305,12 +306,12 @@ def test_a_prior_settles_what_the_picture_leaves_open():
     columns = COLUMNS.copy()
     columns[2] = 2 * columns[0]
     deviation = 0.03
-    comparison = Comparison("point", noise=SIGMA)
+    stage = Stage("point", noise=SIGMA)
     values = np.array([0.3, -0.2, 0.3])
     target = picture(values, columns) + white()
     problem = linear_problem(columns, target, priors={A: (0.3, deviation)})
     y = problem.array(values)
-    sure = quantify_uncertainty(state_at(problem, y, comparison), SIGMA)
+    sure = quantify_uncertainty(state_at(problem, y, stage), SIGMA)
     pair = judged(white(), columns=columns[:2], sigma=SIGMA)
     assert sure.undetermined == ()
     for errors, seen in ((sure.standard_error, pair.standard_error), (sure.cramer_rao, pair.cramer_rao)):
@@ -320,8 +321,8 @@ def test_a_prior_settles_what_the_picture_leaves_open():
 
 
 def test_prior_and_picture_add_their_information():
-    comparison = Comparison("point", noise=SIGMA)
-    sure = judged(white(), comparison, sigma=SIGMA, priors={A: (0.3, TEXTBOOK[0])})
+    stage = Stage("point", noise=SIGMA)
+    sure = judged(white(), stage, sigma=SIGMA, priors={A: (0.3, TEXTBOOK[0])})
     information = ROWS.T @ ROWS / SIGMA**2 + np.diag([1 / TEXTBOOK[0] ** 2, 0, 0])
     expected = np.sqrt(np.diag(np.linalg.inv(information)))
     np.testing.assert_allclose(sure.cramer_rao, expected, rtol=1e-9)
@@ -331,8 +332,8 @@ def test_prior_and_picture_add_their_information():
 
 @pytest.mark.parametrize("loss", ["l2", "cauchy"])
 def test_where_no_parameter_changes_the_picture_all_are_open(loss):
-    comparison = Comparison("point", loss=loss, loss_scale=SIGMA)
-    sure = judged(white(), comparison, values=TRUTH, columns=np.zeros_like(COLUMNS))
+    stage = Stage("point", loss=loss, loss_scale=SIGMA)
+    sure = judged(white(), stage, values=TRUTH, columns=np.zeros_like(COLUMNS))
     assert np.all(np.isinf(sure.standard_error)) and np.all(np.isinf(sure.cramer_rao))
     assert sure.undetermined == (A, B, C)
 

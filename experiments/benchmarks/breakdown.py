@@ -18,7 +18,9 @@ from programs import SCENE, SETTINGS, seconds, set_up
 from raytrace_jax import load_scene, render
 from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.intersection import intersect
-from raytrace_jax.tracer.levels.integrator import pack_rays, packed, trace_level, unpacked
+from raytrace_jax.tracer.geometry.rays import packed, unpacked
+from raytrace_jax.tracer.levels.compaction import pack_rays
+from raytrace_jax.tracer.levels.integrator import trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.run import RAYS

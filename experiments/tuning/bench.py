@@ -94,10 +94,10 @@ class Bench:
             numbers = [np.asarray(x).tobytes() for x in (observation.target, observation.bias)]
             return hash((*numbers, problem.base, problem.unknowns, *rest))
 
-        def linearize_once(problem, y, comparison):
-            place = key(problem, np.asarray(y).tobytes(), comparison)
+        def linearize_once(problem, y, stage):
+            place = key(problem, np.asarray(y).tobytes(), stage)
             if place not in self.kept:
-                self.kept[place] = linearize(problem, y, comparison)
+                self.kept[place] = linearize(problem, y, stage)
             return self.kept[place]
 
         def evaluate_once(problem, values, binning, tell):

@@ -12,11 +12,10 @@ from scipy.ndimage import gaussian_filter
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.inverse.assumptions import ModelCheck
 from raytrace_jax.inverse.build_problem import build_problem
-from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.noise import explains
-from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem import FitState
-from raytrace_jax.inverse.solvers import Tolerance, levenberg_marquardt
+from raytrace_jax.inverse.solvers import levenberg_marquardt
 from raytrace_jax.inverse.status import fit_status
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 from raytrace_jax.tracer.resolved_settings import resolve_settings
@@ -47,7 +46,6 @@ SMALL_RADIUS = 0.4
 """Radius of a ball that covers few squares of pixels."""
 
 HEAD = ("scene", "number", "value", "words that change", "error bars / usual ones")
-EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
 
 
 class Ending(NamedTuple):
@@ -134,8 +132,7 @@ def solve(case: Case, size: tuple[int, int], ending: Ending) -> Ended:
     scene = set_parameters(load_scene(case.path), ending.changes)
     settings = resolve_settings(scene, RenderSettings(size=size))
     problem = build_problem(scene, ending.target, ending.free, settings, FitOptions()).problem
-    comparison = Comparison("point")
-    return Ended(ending, levenberg_marquardt(problem, problem.start(), comparison, EXACT, 60))
+    return Ended(ending, levenberg_marquardt(problem, problem.start(), Stage("point")))
 
 
 def judged(ended: Ended) -> tuple[str, np.ndarray]:

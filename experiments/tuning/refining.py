@@ -1,6 +1,5 @@
 """What the last level's numbers are for: an answer that is off by little of its error bar, in few steps."""
 
-import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
@@ -9,29 +8,13 @@ import numpy as np
 from bench import CASES, SIGMA, Bench
 from replacing import replaced
 
-from raytrace_jax.inverse import refine
 from raytrace_jax.inverse.forward import Tracer
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.refine import refine as solve
-from raytrace_jax.inverse.solvers import RefineOptions
 from raytrace_jax.inverse.uncertainty import Uncertainty, quantify_uncertainty
 
-SOLVE = "inverse"
-
-
-def changed(numbers: Any, name: str, *values: float) -> dict[str, Any]:
-    """Copies of a group of numbers with other values of one of its numbers, by these."""
-    return {f"{value:g}": dataclasses.replace(numbers, **{name: value}) for value in values}
-
-
 BOX: list[tuple[str, dict[str, Any]]] = [
-    ("refine:UNCORRECTED.relative", changed(refine.UNCORRECTED, "relative", 1e-8, 1e-7, 1e-5, 1e-4)),
-    ("refine:UNCORRECTED.decrease", changed(refine.UNCORRECTED, "decrease", 1e-6, 1e-5, 1e-3, 1e-2)),
-    ("refine:UNCORRECTED.rejected", changed(refine.UNCORRECTED, "rejected", 2, 3)),
-    ("refine:CORRECTIONS.max_rounds", changed(refine.CORRECTIONS, "max_rounds", 2, 3, 10)),
-    ("refine:CORRECTIONS.min_step_sigmas", changed(refine.CORRECTIONS, "min_step_sigmas", 0.05, 0.2)),
-    ("refine:CORRECTIONS.min_step_scales", changed(refine.CORRECTIONS, "min_step_scales", 1.5e-6, 6e-6)),
     ("sampling:COARSE_SAMPLES", {"3": 3, "4": 4}),
     ("sampling:DISAGREEMENT", {f"{value:g}": value for value in (5e-5, 2e-4, 1e-3, 1e-2)}),
     ("sampling:FINE_SAMPLES", {f"{n}": (n,) for n in (8, 16, 64)}),
@@ -40,12 +23,6 @@ BOX: list[tuple[str, dict[str, Any]]] = [
 """Numbers that matter to targets that are means over each pixel."""
 
 POINT: list[tuple[str, dict[str, Any]]] = [
-    ("refine:EXACT.relative", changed(refine.EXACT, "relative", 1e-7, 1e-8, 1e-10, 1e-12)),
-    ("refine:EXACT.decrease", changed(refine.EXACT, "decrease", 1e-12, 1e-8, 1e-6)),
-    ("refine:EXACT.rejected", changed(refine.EXACT, "rejected", 1, 2, 6)),
-    ("refine:REWEIGHTED.max_rounds", changed(refine.REWEIGHTED, "max_rounds", 5, 10, 40)),
-    ("refine:REWEIGHTED.min_step_sigmas", changed(refine.REWEIGHTED, "min_step_sigmas", 0.001, 0.1)),
-    ("refine:REWEIGHTED.min_step_scales", changed(refine.REWEIGHTED, "min_step_scales", 1e-14, 1e-12)),
     ("solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets of one ray a pixel."""
@@ -60,17 +37,17 @@ def varied(name: str, bench: Bench, numbers, outcome) -> Iterator[list[str]]:
         yield [name, "usual", "", *outcome()]
         for address, values in numbers:
             for word, value in values.items():
-                with replaced({f"{SOLVE}.{address.split('.')[0]}": value}):
+                with replaced({f"inverse.{address}": value}):
                     yield [name, f"`{address.split(':')[1]}`", word, *outcome()]
 
 
 def solved(bench: Bench, target: np.ndarray, number: int, edges, loss) -> tuple[FitState, Uncertainty, int, Any]:
     """The end of a solve from near the truth, how sure it is, its steps, and who kept the history."""
     start = bench.truth + NEAR * np.random.default_rng(number).choice([-1, 1], 4)
-    options = FitOptions(search=False, sigma=SIGMA)
+    sampling = "box" if edges == "aware" else "point"
+    options = FitOptions(search=False, sigma=SIGMA, loss=loss, target_sampling=sampling)
     problem, recorder = bench.problem(bench.scene_at(start), target, options)
-    how = RefineOptions(edges, loss, SIGMA, options.max_steps, 0, 0)
-    solution = solve(problem, problem.start(), how, recorder)
+    solution = solve(problem, problem.start(), options, recorder)
     return solution, quantify_uncertainty(solution, SIGMA), len(recorder.history), recorder
 
 

@@ -12,16 +12,16 @@ from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.refine import refine
-from raytrace_jax.inverse.solvers import RefineOptions
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 
 
 def refined(bench: Bench, scene: Scene, target: np.ndarray, free: tuple[str, ...]) -> tuple[FitState, int]:
     """The solution that the Cauchy loss leads to, and the number of steps."""
-    problem = build_problem(scene, target, free, bench.how, FitOptions()).problem
+    options = FitOptions(target_sampling="point")
+    problem = build_problem(scene, target, free, bench.how, options).problem
     recorder = Recorder(problem, None, None, None)
-    solution = refine(problem, problem.start(), RefineOptions("point", "cauchy", None, 60, 0, 0), recorder)
+    solution = refine(problem, problem.start(), options, recorder)
     return solution, len(recorder.history)
 
 

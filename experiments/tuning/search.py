@@ -1,6 +1,5 @@
 """What the search's numbers are for: that it finds the truth from anywhere, in few steps."""
 
-import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
@@ -8,27 +7,15 @@ from bench import CASES, Bench
 from replacing import replaced
 
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.search import COARSE, COMPARED, choose_levels, find_minima
+from raytrace_jax.inverse.search import choose_levels, find_minima
 
 HEAD = ("scene", "number", "value", "at the truth", "explained", "minima", "pictures scanned", "steps")
-SOLVE = "inverse"
-
-
-def varied(numbers: Any, name: str, values: dict[str, Any]) -> dict[str, Any]:
-    """Copies of a group of numbers with other values of one of its numbers, by words for these."""
-    return {word: dataclasses.replace(numbers, **{name: value}) for word, value in values.items()}
 
 
 VARIED: list[tuple[str, dict[str, Any]]] = [
     ("search:LEAST_SOLVES", {"1": 1, "4": 4}),
     ("search:MOST_SOLVES", {"2": 2, "10": 10}),
     ("search:LEAST_SIGNAL", {"0.15": 0.15, "0.6": 0.6}),
-    ("search:COARSE.relative", varied(COARSE, "relative", {"3e-4": 3e-4, "3e-3": 3e-3})),
-    ("search:COARSE.decrease", varied(COARSE, "decrease", {"1e-3": 1e-3, "1e-1": 1e-1})),
-    ("search:COARSE.rejected", varied(COARSE, "rejected", {"1": 1, "4": 4})),
-    ("search:COMPARED.relative", varied(COMPARED, "relative", {"1e-5": 1e-5, "1e-3": 1e-3})),
-    ("search:COMPARED.decrease", varied(COMPARED, "decrease", {"1e-6": 1e-6, "1e-2": 1e-2})),
-    ("search:COMPARED.rejected", varied(COMPARED, "rejected", {"1": 1, "4": 4})),
 ]
 """Numbers of `inverse.search` with values beside their own."""
 
@@ -43,7 +30,7 @@ def rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
         yield [name, "usual", "", *outcome(bench, count)]
         for address, values in VARIED:
             for word, value in values.items():
-                with replaced({f"{SOLVE}.{address.split('.')[0]}": value}):
+                with replaced({f"inverse.{address}": value}):
                     yield [name, f"`{address.split(':')[1]}`", word, *outcome(bench, count)]
 
 

@@ -15,19 +15,16 @@ FAR_SIGNIFICANT = 3.0
 for `model_check.SIGNIFICANT`."""
 
 WHAT_IF = 1e-3
-"""Share of its size by which a number is taken to be off, in the sentence on what the answer rests on."""
+"""Fraction of its size by which a number is taken to be off, in the sentence on what the answer rests on."""
 
 
 class Assumption(NamedTuple):
     """A number of the scene that a fit took for granted.
 
     Args:
-        name: its canonical name.
-        value: its value in the scene.
         size: how large it is: a single number's magnitude; for a vector's component the vector's length.
         uncertainty: the standard deviation that was stated; 0 if nothing was.
         sensitivity: how far each estimate moves per unit of the number.
-        unit: the number's unit in words.
     """
 
     name: str
@@ -42,10 +39,7 @@ class Dependence(NamedTuple):
     """The fixed number that an estimate depends on most, if all that count as exact are off by the same share.
 
     Args:
-        estimate: the free number.
-        on: the fixed number.
         change: how much larger the fixed number might be: a thousandth of its `Assumption.size`.
-        unit: the change's unit in words.
         shift: how much larger the estimate then is.
         errors: the shift in total errors of the estimate.
     """
@@ -76,7 +70,6 @@ class Cause(NamedTuple):
         name: a fixed number of the scene, or what a camera or a program may do to a picture.
         unit: the amount's unit in words: `%`, `px`, or empty for the number's own.
         per_unit: the amount that is one such unit.
-        advice: what to do about it.
         amount: how much more of it the target has than the scene says.
         score: the standard score of the finding; noise alone makes about 1.
     """
@@ -102,7 +95,6 @@ class ModelCheck:
     Args:
         assumptions: what was taken for granted, the most consequential first.
         causes: what the residual looks like, the best explanation first.
-        pairs: whether neighbours err together.
         stated, structure: covariance of the estimate from numbers that are stated to be uncertain, and from what the
             residual shows; in the parameters' units.
         far_matters: whether correlation of distant pixels, if there is any, speaks against the model: it moves an

@@ -18,30 +18,23 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.unknowns import Priors, make_prior, make_unknowns, spelled
 from raytrace_jax.scene.checks import check_values
-from raytrace_jax.scene.parameters import film_effects, get_parameter, resolve, scalar_names, set_parameters, with_film
+from raytrace_jax.scene.parameters import film_effects, get_parameter, scalar_names, set_parameters, with_film
 from raytrace_jax.scene.response import FILM_EFFECTS
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.rendering import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-
-EXPOSURE_FREE = ("film.gain.r", "film.offset.r")
-EXPOSURE_TIES = {f"film.{name}.{channel}": f"film.{name}.r" for name in ("gain", "offset") for channel in "gb"}
-"""Free numbers and ties of `fit_exposure`: a gain and an offset that all channels have in common."""
 
 
 class FitSetup(NamedTuple):
     """A problem, with what the report wants to know of its parameters.
 
     Args:
-        priors: mean and standard deviation by the problem's names.
         uncertain: standard deviation by canonical name of each fixed number that is stated to be uncertain.
-        profiled: places of the parameters whose profiles are drawn.
     """
 
     problem: Problem
     priors: Priors
     uncertain: dict[str, float]
-    units: tuple[str, ...]
     profiled: tuple[int, ...]
 
 
@@ -79,18 +72,16 @@ def build_problem(
     priors = {own(name, "prior"): prior for name, prior in options.priors.items()}
     profiled = tuple(unknowns.names.index(own(name, "profile")) for name in options.profiles)
     prior = make_prior(priors, unknowns, scene.camera.viewpoint.dtype)
-    units = tuple(resolve(scene, name).attribute.unit for name in unknowns.names)
     uncertain = stated_uncertainties(scene, unknowns, options.uncertain)
-    root_covariance(
-        list(uncertain), np.array(list(uncertain.values())), options.correlations
-    )  # Refuses what cannot be.
+    # Refuses what cannot be.
+    root_covariance(list(uncertain), np.array(list(uncertain.values())), options.correlations)
     problem = Problem(scene, observation, unknowns, prior, settings, storage)
     reach = math.ceil(problem.film_reach(problem.start()))
     if reach:
         # The film mixes pixels: part of the light at the border comes from beyond it, so these do not count. With
         # them the blur of a ball before a board, 1.1 at 160 x 120, is off by 7 errors; without 4 rows by 2.
         problem = problem.weighted(inside(observation, max(4, reach)))
-    return FitSetup(problem, priors, uncertain, units, profiled)
+    return FitSetup(problem, priors, uncertain, profiled)
 
 
 def inside(observation: Observation, margin: int) -> Float[np.ndarray, "height width"]:
@@ -107,8 +98,10 @@ def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[S
     Raises:
         ParameterError: a free number is unknown or named twice.
     """
-    free, ties = [*free, *(EXPOSURE_FREE if options.fit_exposure else ())], dict(options.ties)
-    ties |= EXPOSURE_TIES if options.fit_exposure else {}
+    free, ties = list(free), dict(options.ties)
+    if options.fit_exposure:  # A gain and an offset that all channels have in common.
+        free += ["film.gain.r", "film.offset.r"]
+        ties |= {f"film.{name}.{channel}": f"film.{name}.r" for name in ("gain", "offset") for channel in "gb"}
     scene = with_film(scene, [*free, *ties, *ties.values(), *options.priors, *options.uncertain, *options.profiles])
     names = scalar_names(scene, free)
     # The film's free numbers that are 0 begin at their effect's start, if it has one.

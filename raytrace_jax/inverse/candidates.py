@@ -180,7 +180,7 @@ def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
     """
     problem = solution.problem
     values, found = problem.values(solution.y), dict[str, tuple[str, ...]]()
-    samples = problem.base.samples if solution.comparison.edges == "point" else solution.target_samples or 4
+    samples = problem.base.samples if solution.stage.edges == "point" else solution.target_samples or 4
     unbiased = problem.with_bias(np.zeros(problem.observation.target.shape))
 
     def residual(values: Values) -> Image:

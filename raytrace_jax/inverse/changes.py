@@ -13,8 +13,9 @@ from scipy import ndimage
 from raytrace_jax.images.jpeg import LARGEST_UNIT
 from raytrace_jax.inverse.fixed import FixedNumbers, inward_steps, moved_together
 from raytrace_jax.inverse.forward import Picture
-from raytrace_jax.inverse.linearize import Comparison, Linearization
+from raytrace_jax.inverse.linearize import Linearization
 from raytrace_jax.inverse.noise import square_sums
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.unknowns import Image, Mask, Vector
 from raytrace_jax.scene.scene import Scene
@@ -27,11 +28,10 @@ SIDE = 4
 """Side in pixels of the squares that are looked at as a whole: neighbours which err together are seen together."""
 
 
-class LookedAt(NamedTuple):
+class PixelSample(NamedTuple):
     """Pixels, by whole squares.
 
     Args:
-        square: number of the square that each is in.
         chance: that it was looked at; it stands for one over that many pixels.
     """
 
@@ -44,23 +44,22 @@ class LookedAt(NamedTuple):
         """The pixels' values in a picture, "*any height width", as "*any pixels"."""
         return image[..., self.row, self.column]
 
-    def inner(self, counts: Mask, margin: int) -> "LookedAt":
+    def inner(self, counts: Mask, margin: int) -> "PixelSample":
         """The pixels that count and whose neighbours, up to `margin` away, are all looked at or beyond the border."""
         seen = np.zeros(counts.shape, bool)
         seen[self.row, self.column] = True
         if margin:
             seen = ndimage.binary_erosion(seen, np.ones((2 * margin + 1,) * 2), border_value=1)
         kept = (seen & counts)[self.row, self.column]
-        return LookedAt(*(part[kept] for part in self))
+        return PixelSample(*(part[kept] for part in self))
 
 
-def look_at(
+def draw_sample(
     counts: Mask, weight: Float[np.ndarray, "height width"], most: int, side: int = SIDE, together: int = SIDE
-) -> LookedAt:
+) -> PixelSample:
     """Choose squares at random, with a chance in proportion to what is in them (Horvitz and Thompson 1952).
 
     Args:
-        side: side in pixels of the squares that are chosen.
         together: side in pixels of the squares in which neighbours are taken to err together.
     """
     # The chance of each square: mostly by what decides, three tenths spread evenly over the picture.
@@ -79,7 +78,7 @@ def look_at(
     chosen = np.diff(steps, prepend=np.floor(steps[0] - chance[0])) > 0
     chosen = (chosen | (chance >= 1)) & (pixels > 0)
     row, column = np.nonzero(counts & chosen[chosen_from])
-    return LookedAt(row, column, square[row, column], chance[chosen_from[row, column]])
+    return PixelSample(row, column, square[row, column], chance[chosen_from[row, column]])
 
 
 def squares_of(shape: tuple[int, ...], side: int) -> Int[np.ndarray, "height width"]:
@@ -106,7 +105,7 @@ def chances(size: Float[np.ndarray, " squares"], pixels: Float[np.ndarray, " squ
 
 
 @dataclasses.dataclass(frozen=True)
-class Pixels:
+class SampledPicture:
     """Renders some pixels of moved scenes.
 
     Args:
@@ -115,22 +114,22 @@ class Pixels:
 
     problem: Problem
     y: Vector
-    looked: LookedAt
+    sample: PixelSample
     edges: EdgeMode
     offset: tuple[float, float] = (0.0, 0.0)
 
     @functools.cached_property
-    def light(self) -> Image | None:
+    def radiance(self) -> Image | None:
         """The whole picture before the film, where the scene has a film."""
         if not self.problem.development.is_needed:
             return None
-        return np.asarray(self.problem.picture_of_light(self.y, self.edges).image, np.float64)
+        return np.asarray(self.problem.radiance(self.y, self.edges).image, np.float64)
 
     @functools.cached_property
-    def judged(self) -> LookedAt:
+    def judged(self) -> PixelSample:
         """The pixels whose colour is known; where the film mixes pixels, those whose neighbours are traced as well."""
         counts = np.asarray(self.problem.observation.root_weight) > 0
-        return self.looked.inner(counts, margin_at(self.problem, self.y))
+        return self.sample.inner(counts, margin_at(self.problem, self.y))
 
     @property
     def step(self) -> float:
@@ -150,12 +149,12 @@ class Pixels:
         """The arguments of the model's `points` but for the scenes."""
         step = None if self.edges == "point" else pixel_step(self.problem.scene.camera, self.problem.base)
         right, down = self.offset
-        return self.problem.places(self.looked.column + right, self.looked.row + down), self.problem.base, step
+        return self.problem.picture_points(self.sample.column + right, self.sample.row + down), self.problem.base, step
 
-    def points(self, offset: tuple[float, float] = (0.0, 0.0), by: int = 1) -> "Pixels":
+    def points(self, offset: tuple[float, float] = (0.0, 0.0), by: int = 1) -> "SampledPicture":
         """These pixels, or one in `by` of them, each seen at one point."""
-        looked = LookedAt(*(x[::by] for x in self.looked))
-        return dataclasses.replace(self, looked=looked, edges="point", offset=offset)
+        sample = PixelSample(*(x[::by] for x in self.sample))
+        return dataclasses.replace(self, sample=sample, edges="point", offset=offset)
 
     def prepare(self) -> None:
         """Compile what `render` will run, and run nothing."""
@@ -175,16 +174,16 @@ class Pixels:
         # pixel that changes by more has jumped.
         slope = change / step[:, None, None]
         slope = np.where(np.abs(slope) * size[:, None, None] <= 1e4, slope, 0.0)
-        if self.light is None:
+        if self.radiance is None:
             return slope * self.root_weight
         # The film develops whole pictures of changes, each 15 MB at 640 x 480: a few at once.
         found, at_once = np.zeros((len(slope), 3, len(self.judged.row))), 8
         for first in range(0, len(slope), at_once):
             some = slope[first : first + at_once]
-            image = np.zeros((len(some), *self.light.shape))
-            image[:, :, self.looked.row, self.looked.column] = some
+            image = np.zeros((len(some), *self.radiance.shape))
+            image[:, :, self.sample.row, self.sample.column] = some
             values, frame = self.problem.values(self.y), self.problem.frame()
-            developed = self.problem.development.changes(self.light, image, values, frame)
+            developed = self.problem.development.changes(self.radiance, image, values, frame)
             found[first : first + at_once] = self.judged.of(developed)
         return found * self.root_weight
 
@@ -196,8 +195,8 @@ def margin_at(problem: Problem, y: Vector) -> int:
 
 
 def pixels_to_check(
-    problem: Problem, y: Vector, comparison: Comparison, linearization: Linearization | None = None
-) -> Pixels:
+    problem: Problem, y: Vector, stage: Stage, linearization: Linearization | None = None
+) -> SampledPicture:
     """The pixels that stand for a picture.
 
     In a point-sampled picture some pixels at the rim of glass decide as much as all others: pixels are chosen in
@@ -208,7 +207,7 @@ def pixels_to_check(
     most = 20_000
     counts = np.asarray(problem.observation.root_weight) > 0
     decides = np.ones(counts.shape)
-    if comparison.edges == "point" and linearization is not None:
+    if stage.edges == "point" and linearization is not None:
         length = np.linalg.norm(np.asarray(linearization.jacobian, np.float64), axis=0)
         jacobian = np.asarray(linearization.pixel_jacobian, np.float64) / np.maximum(length, TINY)[:, None, None, None]
         decides = np.sqrt(np.sum(jacobian**2, axis=(0, 1)))
@@ -216,17 +215,17 @@ def pixels_to_check(
     # A JPEG keeps and drops patterns of 8 x 8 pixels, of colours often of 16 x 16.
     together = SIDE if problem.storage is None else LARGEST_UNIT
     if not margin:
-        return Pixels(problem, y, look_at(counts, decides, most, together, together), comparison.edges)
+        return SampledPicture(problem, y, draw_sample(counts, decides, most, together, together), stage.edges)
     # The film mixes pixels: those in the midst of larger squares are judged, and all around them are looked at.
-    looked = look_at(np.ones_like(counts), np.where(counts, decides, 0.0), most, SIDE * 2 * margin, together)
-    return Pixels(problem, y, looked, comparison.edges)
+    sample = draw_sample(np.ones_like(counts), np.where(counts, decides, 0.0), most, SIDE * 2 * margin, together)
+    return SampledPicture(problem, y, sample, stage.edges)
 
 
-def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"]:
+def parameter_changes(pixels: SampledPicture) -> Float[np.ndarray, "parameters 3 pixels"]:
     """The derivative of the weighted residual by the value of each free parameter."""
     # The scene's parameters: one moved scene for each, and last the one as it is.
     problem, values = pixels.problem, pixels.problem.values(pixels.y)
-    places = np.array(problem.unknowns.light_places, int)
+    places = np.array(problem.unknowns.traced, int)
     count, size = len(places), problem.scale[places]
     rows = np.tile(values, (count + 1, 1))
     rows[np.arange(count), places] += pixels.step * size
@@ -236,8 +235,8 @@ def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"
     found = np.zeros((len(values), 3, len(pixels.judged.row)))
     found[places] = pixels.derivative(images[:-1] - images[-1], moved.astype(np.float64), size)
     # The film's parameters: the film knows its derivatives, and the light stays as it is.
-    if pixels.light is not None:
-        still = Picture(problem.array(pixels.light), problem.array(np.zeros((count, *pixels.light.shape))))
+    if pixels.radiance is not None:
+        still = Picture(problem.array(pixels.radiance), problem.array(np.zeros((count, *pixels.radiance.shape))))
         jacobian = problem.development.picture(still, pixels.y, problem.frame()).jacobian
         of_film = np.setdiff1d(np.arange(len(values)), places)
         slope = problem.slopes(pixels.y)[of_film, None, None]
@@ -245,7 +244,7 @@ def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"
     return found
 
 
-def number_changes(pixels: Pixels, numbers: FixedNumbers) -> Float[np.ndarray, "fixed 3 pixels"]:
+def number_changes(pixels: SampledPicture, numbers: FixedNumbers) -> Float[np.ndarray, "fixed 3 pixels"]:
     """The derivative of the weighted residual by each fixed number.
 
     Light of one colour stays light of that colour, so the three numbers of a colour move in one scene, and each is seen
@@ -260,13 +259,13 @@ def number_changes(pixels: Pixels, numbers: FixedNumbers) -> Float[np.ndarray, "
     if pixels.edges == "aware":
         # The size of the squares of a checker that shines moves edges only, which no point sees.
         unseen = ~acts & ~is_color
-        some = dataclasses.replace(pixels, looked=LookedAt(*(x[::thin] for x in pixels.looked)))
+        some = dataclasses.replace(pixels, sample=PixelSample(*(x[::thin] for x in pixels.sample)))
         acts[unseen] = np.any(differences([some], numbers.where(unseen), steps[unseen]) != 0, axis=(1, 2))
 
     # Two points a pixel and side tell how an edge-aware picture changes with a colour.
     count = 2 if pixels.edges == "aware" else 1
     samples = [pixels.points((float(right), float(down))) for right, down in sample_offsets(count)]
-    changes = np.zeros((len(steps), 3, len(pixels.looked.row)))
+    changes = np.zeros((len(steps), 3, len(pixels.sample.row)))
     for which, how in ((acts & ~is_color, [pixels]), (acts & is_color, samples)):
         if which.any():
             changes[which] = differences(how, numbers.where(which), steps[which])
@@ -274,7 +273,7 @@ def number_changes(pixels: Pixels, numbers: FixedNumbers) -> Float[np.ndarray, "
 
 
 def differences(
-    samples: Sequence[Pixels], numbers: FixedNumbers, steps: Float[np.ndarray, " fixed"]
+    samples: Sequence[SampledPicture], numbers: FixedNumbers, steps: Float[np.ndarray, " fixed"]
 ) -> Float[np.ndarray, "fixed 3 pixels"]:
     """The change of the mean of some pictures with a step of each number."""
     # One scene for each number or colour, and last the one as it is.

@@ -1,5 +1,6 @@
 """The fit: from a target picture to the values of a scene's free parameters, and how far they can be trusted."""
 
+import dataclasses
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,16 +15,14 @@ from raytrace_jax.images.masks import in_words
 from raytrace_jax.inverse.build_problem import FitSetup, build_problem
 from raytrace_jax.inverse.candidates import unseen_balls, with_open
 from raytrace_jax.inverse.changes import pixels_to_check
-from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.model_check import check_model
-from raytrace_jax.inverse.options import FitOptions, changed_options
+from raytrace_jax.inverse.options import FitOptions, Stage, changed_options
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.profile import draw_profile
-from raytrace_jax.inverse.refine import select_solution
+from raytrace_jax.inverse.refine import first_stage, select_solution
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, cached_detection, supersampled
 from raytrace_jax.inverse.search import Levels, choose_levels, find_minima
-from raytrace_jax.inverse.solvers import RefineOptions
 from raytrace_jax.inverse.status import make_result
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
@@ -59,13 +58,9 @@ def fit(
     Args:
         scene: the scene; its values are the first start, its dtype the precision.
         target: scene-linear RGB, top row first, of the size that `settings` render; NaN where the weight is 0.
-        free: parameters to find, `vitreous.ior` or whole vectors, `vitreous.center`.
         settings: how the target was rendered; its `edges` is not used. None takes the settings in the scene's file.
-        options: what is known besides, and how the problem is solved.
         weights: weight of each pixel in the sum of squares, 0 to leave it out; "height width".
         storage: how a JPEG has compressed the target (`jpeg_storage`): its bias is taken off.
-        on_step: called after each step of the solver.
-        on_phase: called with a few words on what happens now.
         **changes: fields of `FitOptions`, instead of those in `options`: `fit(..., search=False, sigma=0.01)`.
 
     Returns:
@@ -124,7 +119,7 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
 
     # The picture at the start is sampled as that of the solution, to be compared with it.
     recorder.phase("rendering the start")
-    samples = problem.base.samples if solution.comparison.edges == "point" else COARSE_SAMPLES
+    samples = problem.base.samples if solution.stage.edges == "point" else COARSE_SAMPLES
     recorder.found(start_image=supersampled(problem, problem.start(), samples))
     if np.all(np.isnan(uncertainty.standard_error)):
         return
@@ -152,7 +147,7 @@ def prepare_search(
         return problem.start() if answer is None else problem.array(answer)
 
     for binning in dict.fromkeys(map(levels.binning_at, levels.blurs)):
-        ahead.add(lambda binning=binning: problem.prepare_linearize(best(), Comparison(options.edges, binning=binning)))
+        ahead.add(lambda binning=binning: problem.prepare_linearize(best(), Stage(options.edges, binning=binning)))
     if options.known_sampling == "auto":
         ahead.add(lambda: problem.model.prepare_points(problem.scene_at(best()), problem.base))
 
@@ -161,10 +156,9 @@ def prepare_refinement(
     problem: Problem, first: LocalMinimum, options: FitOptions, detect: Callable[[Array], Sampling]
 ) -> None:
     """Compile what will solve the whole picture, while the search goes on to other minima."""
-    sampling = options.known_sampling
-    if sampling == "auto":
-        sampling = detect(first.y)
-    comparison = RefineOptions.of(options, sampling).first_comparison
-    problem.prepare_linearize(first.y, comparison)
-    if comparison.edges == "aware":
-        pixels_to_check(problem, first.y, comparison).prepare()
+    if options.known_sampling == "auto":
+        options = dataclasses.replace(options, target_sampling=detect(first.y))
+    stage = first_stage(options.last_stage)
+    problem.prepare_linearize(first.y, stage)
+    if stage.edges == "aware":
+        pixels_to_check(problem, first.y, stage).prepare()

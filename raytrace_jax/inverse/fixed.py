@@ -81,12 +81,12 @@ def can_move_alone(scene: Scene, parameter: Parameter) -> bool:
     return block.type.complaint(values) is None
 
 
-def inward_steps(numbers: FixedNumbers, scene: Scene, share: float) -> Float[np.ndarray, " fixed"]:
-    """A step of each number: a share of its size, in a direction in which its value stays valid.
+def inward_steps(numbers: FixedNumbers, scene: Scene, fraction: float) -> Float[np.ndarray, " fixed"]:
+    """A step of each number: a fraction of its size, in a direction in which its value stays valid.
 
     The steps returned are those that are left after rounding to the scene's precision.
     """
-    steps = share * np.where(numbers.size > 0, numbers.size, 1.0)
+    steps = fraction * np.where(numbers.size > 0, numbers.size, 1.0)
     for k, parameter in enumerate(numbers.parameters):
         entry = np.array(parameter.address.entry.read(scene))
         place = ... if parameter.address.component is None else parameter.address.component
@@ -211,13 +211,6 @@ def canonical_name(scene: Scene, address: Address) -> str:
     return f"{block.name}.{address.field}{component}"
 
 
-MITSUBA = "Mitsuba version 3"
-
-RAY_EPSILON = 1500 * 2**-24
-"""Share of one more than a point's largest coordinate by which Mitsuba 3, in float32, starts rays off a surface
-(`SurfaceInteraction::offset_p` and `math::RayEpsilon`)."""
-
-
 def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], maker: str) -> FitOptions:
     """The options with what is known of the program that made a target, where nothing was said of the same numbers.
 
@@ -231,16 +224,18 @@ def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], m
     Warns:
         PictureWarning: something is taken to be uncertain.
     """
-    if not maker.startswith(MITSUBA):
+    if not maker.startswith("Mitsuba version 3"):
         return options
     said = {address for name in options.uncertain for address in numbers_of(scene, name)}
     said |= {resolve(scene, name).address for name in [*free, *scalar_names(scene, options.ties)]}
-    offsets: dict[str, float] = {}
+    # Fraction of one more than a point's largest coordinate by which Mitsuba 3, in float32, starts rays off a surface
+    # (`SurfaceInteraction::offset_p` and `math::RayEpsilon`).
+    epsilon, offsets = 1500 * 2**-24, dict[str, float]()
     for ball in blocks_of(scene, "sphere"):
         name = f"{ball.name}.radius"
         center, radius = (np.asarray(ball.read(scene, part), np.float64) for part in ("center", "radius"))
         if resolve(scene, name).address not in said:
-            offsets[name] = float(f"{RAY_EPSILON * (1 + np.max(np.abs(center)) + radius):.1e}")
+            offsets[name] = float(f"{epsilon * (1 + np.max(np.abs(center)) + radius):.1e}")
     if offsets:
         stated = listed(f"{name}={amount:g}" for name, amount in offsets.items())
         warnings.warn(

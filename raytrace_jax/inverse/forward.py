@@ -218,7 +218,7 @@ class Development:
         """Whether the scene has a film."""
         return self.scene.film is not None
 
-    def linear_places(self, known: Values) -> tuple[int, ...]:
+    def linear_indices(self, known: Values) -> tuple[int, ...]:
         """The places of the film's unknowns in which the picture is linear and that have no prior."""
         linear, free = linear_effects(self.of_scene.film), self.free_effects
         return tuple(k for k, name in enumerate(self.unknowns.names) if free.get(name) in linear and not known[k] > 0)
@@ -233,15 +233,11 @@ class Development:
         return light if film is None else np.asarray(develop_compiled(self._array(light), film, frame))
 
     def picture(self, light: Picture, y: Vector, frame: Frame) -> Picture:
-        """The developed picture at the unknowns `y`, with the derivatives by all of them.
-
-        Args:
-            light: the light's picture, with the derivatives by the unknowns that are not the film's.
-        """
+        """The developed picture at the unknowns `y`, with the derivatives by all of them."""
         if not self.is_needed:
             return light
         jacobian = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
-        jacobian[list(self.unknowns.light_places)] = light.jacobian
+        jacobian[list(self.unknowns.traced)] = light.jacobian
         developed = develop_derivatives(light.image, jacobian, self._array(y), self.of_scene, self.unknowns, frame)
         return Picture(developed[0], developed[1], light.sees_edge)
 
@@ -274,7 +270,6 @@ def develop_best(
     Only values in which the picture is linear change: least squares gives their best ones in closed form.
 
     Args:
-        rows, lights: values of the free parameters and the picture of the light, for each.
         blur: standard deviation of a blur, in pixels, with which they are compared.
     """
     places = np.array(linear, int)

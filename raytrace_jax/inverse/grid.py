@@ -8,10 +8,10 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from raytrace_jax.inverse.forward import Picture
-from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Moments, disagreement, pixel_moments, point_sampled
-from raytrace_jax.inverse.solvers import FARTHEST, REST, RefineOptions, gauss_newton_step, move_in_errors
+from raytrace_jax.inverse.solvers import FARTHEST, REST, gauss_newton_step, move_in_errors
 from raytrace_jax.inverse.steps import Recorder, Step, iterate, project_gradient, shorten_step
 from raytrace_jax.inverse.unknowns import Covariance, Image, PixelJacobian, Values, Vector
 from raytrace_jax.tracer.pixels import sample_offsets
@@ -23,15 +23,13 @@ class GridPicture:
     """Means of n x n samples a pixel, for unknowns so near a place that no edge leaves the listed pixels.
 
     Args:
-        samples: the n of n x n samples a pixel.
-        light: the picture there before the film, and the derivatives of the edge-aware one.
         jacobian: derivative of the edge-aware picture there, after the film, by the unknowns.
     """
 
     problem: Problem
     samples: int
     y: Values
-    light: Picture
+    radiance: Picture
     jacobian: PixelJacobian
     row: Int[np.ndarray, " listed"]
     column: Int[np.ndarray, " listed"]
@@ -40,18 +38,18 @@ class GridPicture:
     def at(self, y: Vector) -> Picture:
         """The picture at unknowns nearby; its derivative is that at the place."""
         # Listed pixels are sampled anew, all others follow the derivative.
-        step = (np.asarray(y, np.float64) - self.y)[list(self.problem.unknowns.light_places)]
-        image = self.mean + np.tensordot(step, np.asarray(self.light.jacobian, np.float64), 1)
+        step = (np.asarray(y, np.float64) - self.y)[list(self.problem.unknowns.traced)]
+        image = self.mean + np.tensordot(step, np.asarray(self.radiance.jacobian, np.float64), 1)
         problem, offsets = self.problem, sample_offsets(self.samples)
         sampled = pixel_moments(problem, problem.scene_at(y), self.column, self.row, offsets)
         image[:, self.row, self.column] = sampled.mean
-        light = Picture(self.problem.array(image), self.light.jacobian)
-        return self.problem.development.picture(light, y, self.problem.frame())
+        radiance = Picture(self.problem.array(image), self.radiance.jacobian)
+        return self.problem.development.picture(radiance, y, self.problem.frame())
 
     @functools.cached_property
     def mean(self) -> Image:
         """The picture at the place, before the film."""
-        return np.asarray(self.light.image, np.float64)
+        return np.asarray(self.radiance.image, np.float64)
 
     @property
     def jump(self) -> Float[np.ndarray, " listed"]:
@@ -137,15 +135,13 @@ class GridPicture:
         return axes / length[:, None] * (count / np.maximum(crossed, TINY))
 
 
-def grid_picture(
-    problem: Problem, y: Vector, comparison: Comparison, samples: int, coarse: Moments | None = None
-) -> GridPicture:
+def grid_picture(problem: Problem, y: Vector, stage: Stage, samples: int, coarse: Moments | None = None) -> GridPicture:
     """The picture of n x n samples a pixel, near `y`.
 
     Args:
         coarse: `COARSE_SAMPLES` samples a pixel and side at `y`, if they are known.
     """
-    aware, light = problem.picture(y, comparison.edges), problem.picture_of_light(y, comparison.edges)
+    aware, radiance = problem.picture(y, stage.edges), problem.radiance(y, stage.edges)
     if coarse is None:
         coarse = point_sampled(problem, y, COARSE_SAMPLES)
     # Everywhere: a parabola through the pixel's centre and the mean of its coarse samples.
@@ -163,15 +159,14 @@ def grid_picture(
     moments = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
     mean[:, row, column] = moments.mean
     place, jacobian = np.asarray(y, np.float64), np.asarray(aware.jacobian, np.float64)
-    light = Picture(problem.array(mean), light.jacobian)
-    return GridPicture(problem, samples, place, light, jacobian, row, column, moments.variance)
+    radiance = Picture(problem.array(mean), radiance.jacobian)
+    return GridPicture(problem, samples, place, radiance, jacobian, row, column, moments.variance)
 
 
 def settle_on_grid(
     problem: Problem,
     solution: FitState,
     samples: int,
-    options: RefineOptions,
     recorder: Recorder,
     coarse: Moments | None = None,
 ) -> FitState:
@@ -183,16 +178,15 @@ def settle_on_grid(
     anew, which is cheap beside a derivative.
 
     Args:
-        solution: the solution of its edge-aware picture.
         coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
     """
-    comparison, start = solution.comparison, solution.y
+    stage, start = solution.stage, solution.y
     # Follow the derivative; three lists of pixels at most, each made where the steps with the one before ended.
     lists = 0
     while True:
         recorder.phase("comparing with a picture of the target's own samples")
-        grid = grid_picture(problem, start, comparison, samples, coarse)
-        lowest = descend(grid, grid.leading, comparison, options, recorder)
+        grid = grid_picture(problem, start, stage, samples, coarse)
+        lowest = descend(grid, grid.leading, stage, recorder)
         # Beyond a tenth of a pixel of a large ball another derivative holds, and edges may have left the listed pixels.
         moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
         lists += 1
@@ -201,13 +195,13 @@ def settle_on_grid(
         start, coarse = lowest.y, None
     if not lowest.settled:
         # Place what the derivative cannot lead, and hold it there while that leads the others.
-        start = look_around(grid, lowest, comparison)
-        grid = grid_picture(problem, start, comparison, samples)
-        lowest = descend(grid, grid.problem, comparison, options, recorder)
+        start = look_around(grid, lowest, stage)
+        grid = grid_picture(problem, start, stage, samples)
+        lowest = descend(grid, grid.problem, stage, recorder)
     # The solution there has the edge-aware picture and its bias.
-    aware = problem.picture(lowest.y, comparison.edges)
+    aware = problem.picture(lowest.y, stage.edges)
     corrected = problem.with_bias(np.asarray(lowest.linearization.image) - np.asarray(aware.image))
-    linearization = corrected.linearize(lowest.y, comparison)
+    linearization = corrected.linearize(lowest.y, stage)
     return dataclasses.replace(
         solution,
         problem=corrected,
@@ -220,9 +214,7 @@ def settle_on_grid(
     )
 
 
-def descend(
-    grid: GridPicture, problem: Problem, comparison: Comparison, options: RefineOptions, recorder: Recorder
-) -> FitState:
+def descend(grid: GridPicture, problem: Problem, stage: Stage, recorder: Recorder) -> FitState:
     """The lowest place of Gauss-Newton steps with the derivative of the list's place.
 
     It is at rest where the next step is about as long as the picture tells places apart.
@@ -233,7 +225,7 @@ def descend(
     spread = np.sqrt(np.maximum(np.diagonal(grid.resolution()), 0))
 
     def at(y: Vector) -> FitState:
-        return FitState(problem, y, comparison, problem.linearize_picture(grid.at(y), y, comparison))
+        return FitState(problem, y, stage, problem.linearize_picture(grid.at(y), y, stage))
 
     def look(last: Step[int], y: Vector) -> FitState:
         return last.best if y is last.best.y else at(y)
@@ -266,10 +258,10 @@ def descend(
     start = at(problem.array(grid.y))
     begin = Step(start, True, start.y, 0)
     # Two or three steps take off most, but a free field of view before a level board wants fifteen.
-    return iterate(begin, look, propose, 24, recorder.level(options.candidate, options.level))
+    return iterate(begin, look, propose, 24, recorder.step)
 
 
-def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> Vector:
+def look_around(grid: GridPicture, lowest: FitState, stage: Stage) -> Vector:
     """The best of places around one where steps with the derivative end above what is there.
 
     Lines of a board that are parallel to the rows change sides all at once: the derivative of areas leads nowhere. So
@@ -280,7 +272,7 @@ def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> 
 
     def at(y: Values) -> FitState:
         place = problem.array(shorten_step(problem, lowest.y, y))
-        return FitState(problem, place, comparison, problem.linearize_picture(grid.at(place), place, comparison))
+        return FitState(problem, place, stage, problem.linearize_picture(grid.at(place), place, stage))
 
     best = at(np.asarray(lowest.y))
     for _ in range(2):

@@ -1,6 +1,5 @@
 """A least-squares problem near one point: the residual under a loss, its Jacobian, and the sums of statistics."""
 
-import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Literal, NamedTuple
@@ -14,28 +13,7 @@ from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.forward import Observation, Picture
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.unknowns import AnyArray, Prior, Vector
-from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.util.compilation import jit
-
-
-@dataclasses.dataclass(frozen=True)
-class Comparison:
-    """The comparison of picture and target.
-
-    Args:
-        blur: standard deviation of the Gaussian blur of their difference, in pixels of the target.
-        binning: how many pixels are averaged to one in each direction, in picture and target.
-        loss_scale: its scale; infinity with `l2`.
-        noise: standard deviation of the residuals beside which priors count.
-    """
-
-    edges: EdgeMode
-    blur: float = 0.0
-    binning: int = 1
-    loss: LossName = "l2"
-    loss_scale: float = np.inf
-    noise: float = 0.0
-
 
 Residual = Float[Array, "*any"]
 Scale = Float[Array, ""]
@@ -48,7 +26,6 @@ class Loss(NamedTuple):
         residual: a residual whose square is `2 rho`, so that least squares minimise the loss.
         weight: `rho' / r`, the weight with which least squares pull as the loss does. It falls with `|r|`, so that
             `2 rho >= weight r^2`.
-        curvature: `rho''`.
         tuning: the scale in standard deviations of Gaussian noise at which the loss keeps 95 % of the efficiency of
             least squares (Holland and Welsch 1977).
     """
@@ -84,17 +61,11 @@ LOSSES: dict[LossName, Loss] = {
 """The losses by name; `l2` has no use for a scale."""
 
 
-def evaluate(
-    loss: LossName, what: Literal["residual", "weight", "score"], residual: Float[np.ndarray, "*any"], scale: float
-) -> Float[np.ndarray, "*any"]:
-    """A function of a loss at residuals, on the host; in double precision."""
-    given = jnp.asarray(residual)
-    return np.asarray(_evaluate(given, jnp.asarray(scale, given.dtype), loss, what), np.float64)
-
-
 @functools.partial(jit, static_argnames=("loss", "what"))
-def _evaluate(residual: Residual, scale: Scale, loss: LossName, what: str) -> Residual:
-    """One function of a loss, as one program."""
+def evaluate(
+    loss: LossName, what: Literal["residual", "weight", "score"], residual: Residual, scale: Scale
+) -> Residual:
+    """A function of a loss at residuals, as one program."""
     return getattr(LOSSES[loss], what)(residual, scale)
 
 
@@ -107,11 +78,9 @@ class Linearization(eqx.Module):
 
     Args:
         image: the picture, not blurred; the target's colour in a pixel that is left out.
-        bad: the pixels that are left out, as their colour or a derivative is not finite.
         pixel_jacobian: derivative of picture minus target, weighted and blurred, with respect to the unknowns.
         matters: the pixels that count and depend on a free parameter.
         typical: median magnitude of the weighted residuals in the pixels that matter.
-        squares: sum of squares of the weighted residuals there.
         information: `J^T J` of the weighted picture alone, before any loss.
         curvature: `J^T C J`, where C has the loss's second derivative at each residual, with that of the priors.
         pixel_scatter: sum over residuals of the outer product of score times derivative with itself: the covariance of
@@ -153,12 +122,7 @@ def linearize(
     noise: Float[Array, ""],
     loss: LossName,
 ) -> Linearization:
-    """The least-squares problem near a picture, as a `Linearization`.
-
-    Args:
-        prior: becomes rows of the problem, in units of `noise`.
-        noise: standard deviation of the residuals: how much a prior counts beside them.
-    """
+    """The least-squares problem near a picture, as a `Linearization`."""
     # Pixels that are not finite are left out, up to a thousandth of those that count or one. With more the picture is
     # broken, and a solver must not prefer it because what is left of it fits.
     count = len(values)

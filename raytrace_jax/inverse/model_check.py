@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from raytrace_jax.images.transfer import rounding_of
 from raytrace_jax.inverse.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
-from raytrace_jax.inverse.changes import LookedAt, flat, number_changes, parameter_changes, pixels_to_check
+from raytrace_jax.inverse.changes import PixelSample, flat, number_changes, parameter_changes, pixels_to_check
 from raytrace_jax.inverse.fixed import FixedNumbers, fixed_numbers, root_covariance
 from raytrace_jax.inverse.noise import PairScores, block_scatter, pair_scores
 from raytrace_jax.inverse.problem import FitState, Problem
@@ -50,10 +50,10 @@ def check_model(
     Args:
         uncertain: standard deviation by canonical name of a fixed number.
     """
-    problem, y, linearization, comparison = state.problem, state.y, state.linearization, state.comparison
+    problem, y, linearization, stage = state.problem, state.y, state.linearization, state.stage
     # How the picture changes with the free parameters, the scene's fixed numbers, and the film's stated ones.
-    pixels = pixels_to_check(problem, y, comparison, linearization)
-    light = np.asarray(linearization.image if pixels.light is None else pixels.light, np.float64)
+    pixels = pixels_to_check(problem, y, stage, linearization)
+    light = np.asarray(linearization.image if pixels.radiance is None else pixels.radiance, np.float64)
     light = light + np.asarray(problem.observation.bias, np.float64)
     numbers = fixed_numbers(problem, uncertain)
     free = flat(parameter_changes(pixels))
@@ -65,8 +65,8 @@ def check_model(
     # What of the residual is evidence: more than storing the target explains.
     residual = np.asarray(state.residual, np.float64)
     weight = state.under_loss("weight")
-    # Without a grid that was told an edge-aware comparison takes the pixels for means of whatever samples.
-    is_mean = (state.target_samples or 1) > 1 or (comparison.edges == "aware" and state.target_samples is None)
+    # Without a grid that was told an edge-aware stage takes the pixels for means of whatever samples.
+    is_mean = (state.target_samples or 1) > 1 or (stage.edges == "aware" and state.target_samples is None)
     rounding = rounding_of(np.asarray(problem.observation.target, np.float64))
     of_samples = 1 / 65535 if is_mean else 0.0  # A renderer is taken to have stored the samples in 16 bits.
     evidence = beyond_storage(problem, residual, weight, STORAGE_SLACK * np.maximum(rounding, of_samples))
@@ -107,11 +107,11 @@ def check_model(
     return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure, far_matters)
 
 
-def rows_of(looked: LookedAt, residual, evidence, weight: Image) -> Rows:
+def rows_of(sample: PixelSample, residual, evidence, weight: Image) -> Rows:
     """The looked-at pixels' residuals, evidence and weights under the loss, as rows."""
-    counted = looked.of(weight) / looked.chance
-    flat_residual, flat_evidence = looked.of(residual).reshape(-1), looked.of(evidence).reshape(-1)
-    return Rows(flat_residual, flat_evidence, counted.reshape(-1), np.tile(looked.square, 3))
+    counted = sample.of(weight) / sample.chance
+    flat_residual, flat_evidence = sample.of(residual).reshape(-1), sample.of(evidence).reshape(-1)
+    return Rows(flat_residual, flat_evidence, counted.reshape(-1), np.tile(sample.square, 3))
 
 
 def beyond_storage(problem: Problem, residual: Image, weight: Image, step: Image | float) -> Image:

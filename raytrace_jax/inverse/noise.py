@@ -68,7 +68,7 @@ def explains(state: FitState) -> bool:
     """Whether the picture there explains the target; a picture that is not finite does not."""
     if not state.linearization.is_finite:
         return False
-    target = np.asarray(state.problem.binned(state.comparison.binning).target)
+    target = np.asarray(state.problem.binned(state.stage.binning).target)
     return is_explained(state.residual, target, state.counts, np.asarray(state.linearization.matters))
 
 
@@ -78,9 +78,6 @@ def square_means(image, where: Mask) -> Float[np.ndarray, "3 squares"]:
     full = counts >= 0.5 * SQUARE**2  # With whole squares only wrong models pass.
     return square_sums(np.where(where, image, 0), SQUARE)[:, full] / counts[full]
 
-
-BLOCK = 8
-"""Side in pixels of the squares within which errors may go together: a JPEG's blocks."""
 
 EVIDENCE = 3.0
 """Standard errors by which the winner must be better than another minimum."""
@@ -94,7 +91,8 @@ def vuong_evidence(better: Image, other: Image) -> float:
     together. The second part grows with the pictures' difference, and its scatter would hide a clear one.
     """
     gain = float(np.sum(other**2 - better**2))
-    chance = float(np.linalg.norm(square_sums(2 * better * (other - better), BLOCK).sum(0)))
+    # Squares of 8 pixels: a JPEG's blocks.
+    chance = float(np.linalg.norm(square_sums(2 * better * (other - better), 8).sum(0)))
     return gain / chance if chance > 0 else float(np.inf if gain > 0 else 0)
 
 

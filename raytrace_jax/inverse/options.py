@@ -1,4 +1,4 @@
-"""The options of a fit; free of JAX, for the command line."""
+"""The options of a fit, and the choices of one of its stages; free of JAX, for the command line."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -19,6 +19,34 @@ LossChoice = Literal["auto", LossName]
 TargetSampling = Literal["auto", "box", "point", "aware"]
 """Sampling of a target's pixels: `box` is the mean over each, `point` one ray, `aware` this program's edge-aware
 ones, `auto` whichever of the first two is nearer to the target."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Stage:
+    """The choices of one stage: how picture and target are compared, and when a solver is at rest.
+
+    Args:
+        blur: standard deviation of the Gaussian blur of their difference, in pixels of the target.
+        binning: how many pixels are averaged to one in each direction, in picture and target.
+        loss_scale: infinity with `l2`.
+        noise: standard deviation of the residuals beside which priors count.
+        relative: change of unknowns and cost in proportion to themselves (float32 stops where it resolves no more).
+        decrease: fraction of the cost that the linear model still takes away: the estimate's squared error in units of
+            its error bar, up to the number of residuals (the relative offset of Bates and Watts 1981).
+        rejected: rejected steps in a row: no shorter step helps either.
+    """
+
+    edges: EdgeMode
+    blur: float = 0.0
+    binning: int = 1
+    loss: LossName = "l2"
+    loss_scale: float = inf
+    noise: float = 0.0
+    max_steps: int = 60
+    # A solve that ends on the answer, 1e-5 of an error bar from it, so that targets without noise are met.
+    relative: float = 1e-9
+    decrease: float = 1e-10
+    rejected: int = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,6 +126,14 @@ class FitOptions(Checked):
         if self.target_samples is None:
             return self.target_sampling
         return "box" if self.target_samples > 1 else "point"
+
+    @property
+    def last_stage(self) -> Stage:
+        """The stage on the whole picture, of a target whose sampling is known."""
+        is_point = self.known_sampling == "point"
+        suited: LossName = "cauchy" if is_point else "l2"
+        loss = suited if self.loss == "auto" else self.loss
+        return Stage("point" if is_point else self.edges, loss=loss, max_steps=self.max_steps)
 
     def as_made(self, how_made: Mapping[str, Any]) -> "FitOptions":
         """These options with the sampling that the metadata of the target's file says, if nothing else was said.

@@ -13,7 +13,8 @@ from jaxtyping import Array, Bool, Float, Int, Num
 
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.forward import Development, ForwardModel, Observation, Picture, forward_model
-from raytrace_jax.inverse.linearize import Comparison, Linearization, evaluate, linearize
+from raytrace_jax.inverse.linearize import Linearization, evaluate, linearize
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.unknowns import (
     Covariance,
     Image,
@@ -37,12 +38,7 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """A scene, a target, and what is free between them.
-
-    Args:
-        scene: gives the start and all that is not free; its dtype is that of the fit.
-        storage: what a lossy file has done to the target, if it came from one.
-    """
+    """A scene, a target, and what is free between them."""
 
     scene: Scene
     observation: Observation
@@ -88,7 +84,7 @@ class Problem:
         own = self.base.frame(self.scene.camera.pixeldim)
         return own._replace(left=own.left / binning, top=own.top / binning, binning=own.binning * binning)
 
-    def places(
+    def picture_points(
         self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"], binning: int = 1
     ) -> Float[np.ndarray, "2 points"]:
         """Places in the whole picture of points of the target, in its own or in larger pixels."""
@@ -104,7 +100,7 @@ class Problem:
     def pixels(self, binning: int = 1) -> Pixels:
         """All pixels of the target, in own or in larger ones."""
         step = pixel_step(self.scene.camera, self.settings("point", binning))
-        return Pixels(self.places(*self.all_pixels(binning), binning), step)
+        return Pixels(self.picture_points(*self.all_pixels(binning), binning), step)
 
     def start(self) -> Vector:
         """The unknowns at the start."""
@@ -140,7 +136,7 @@ class Problem:
         return with_texels(moved, self.scene)
 
     @functools.cached_property
-    def light(self) -> Scene:
+    def traced_scene(self) -> Scene:
         """The scene without its film: what is traced."""
         return dataclasses.replace(self.scene, film=None)
 
@@ -150,9 +146,9 @@ class Problem:
         return Development(self.scene, self.unknowns)
 
     @property
-    def linear_places(self) -> tuple[int, ...]:
+    def linear_indices(self) -> tuple[int, ...]:
         """The places of the film's unknowns whose best values have a closed form."""
-        return self.development.linear_places(np.asarray(self.prior.precision))
+        return self.development.linear_indices(np.asarray(self.prior.precision))
 
     def film_reach(self, y: Vector) -> float:
         """The distance in pixels from which the light of a pixel may come; 0 if all of it is its own."""
@@ -169,28 +165,28 @@ class Problem:
 
     def scenes_with(self, values: Float[np.ndarray, "scenes parameters"]) -> Scene:
         """Scenes without film that have these values of the other free parameters, stacked as by `map_scenes`."""
-        rows = self.array(values[:, list(self.unknowns.light_places)])
-        moved = moved_scenes(without_texels(self.light), rows, self.unknowns.light)
+        rows = self.array(values[:, list(self.unknowns.traced)])
+        moved = moved_scenes(without_texels(self.traced_scene), rows, self.unknowns.traced_unknowns)
         return with_texels(moved, self.scene)
 
     def picture(self, y: Vector, edges: EdgeMode, binning: int = 1) -> Picture:
         """The picture at `y` and its derivatives."""
         y = self.array(y)
-        return self.development.picture(self.picture_of_light(y, edges, binning), y, self.frame(binning))
+        return self.development.picture(self.radiance(y, edges, binning), y, self.frame(binning))
 
-    def picture_of_light(self, y: Vector, edges: EdgeMode, binning: int = 1) -> Picture:
+    def radiance(self, y: Vector, edges: EdgeMode, binning: int = 1) -> Picture:
         """The picture before the film, and its derivatives by the unknowns that are not the film's.
 
         The last few pictures are remembered: one point is looked at with several blurs, losses, targets and films.
         """
-        light, unknowns = self.light_unknowns(y), self.unknowns.light
-        place = np.asarray(light).tobytes(), edges, binning
+        traced, unknowns = self.traced_at(y), self.unknowns.traced_unknowns
+        place = np.asarray(traced).tobytes(), edges, binning
         if place in self._pictures:
             self._pictures.move_to_end(place)
             return self._pictures[place]
 
         pixels, size = self.pixels(binning), self.binned(binning).root_weight.shape
-        found = self.model.differentiate(light, self.light, pixels, unknowns, self.settings(edges, binning))
+        found = self.model.differentiate(traced, self.traced_scene, pixels, unknowns, self.settings(edges, binning))
         image, jacobian = found.color.reshape(3, *size), found.jacobian.reshape(-1, 3, *size)
         sees_edge = found.sees_edge.reshape(size) if edges == "aware" else None
         picture = Picture(self.array(image), self.array(jacobian), sees_edge)
@@ -200,33 +196,33 @@ class Problem:
             self._pictures.popitem(last=False)
         return picture
 
-    def light_unknowns(self, y: Vector) -> Float[Array, " light"]:
+    def traced_at(self, y: Vector) -> Float[Array, " light"]:
         """The unknowns that are not the film's."""
-        return self.array(np.asarray(y)[list(self.unknowns.light_places)])
+        return self.array(np.asarray(y)[list(self.unknowns.traced)])
 
-    def linearize(self, y: Vector, comparison: Comparison) -> Linearization:
+    def linearize(self, y: Vector, stage: Stage) -> Linearization:
         """Residual and Jacobian at `y`."""
-        picture = self.picture(y, comparison.edges, comparison.binning)
-        return self.linearize_picture(picture, y, comparison)
+        picture = self.picture(y, stage.edges, stage.binning)
+        return self.linearize_picture(picture, y, stage)
 
-    def linearize_picture(self, picture: Picture, y: Vector, comparison: Comparison) -> Linearization:
+    def linearize_picture(self, picture: Picture, y: Vector, stage: Stage) -> Linearization:
         """Residual and Jacobian at `y` from a picture and derivatives that are given."""
         picture = dataclasses.replace(picture, sees_edge=None)  # Not a matter of this program.
-        return linearize(picture, *self._compared(y, comparison), comparison.loss)
+        return linearize(picture, *self._compared(y, stage), stage.loss)
 
-    def prepare_linearize(self, y: Vector, comparison: Comparison) -> None:
+    def prepare_linearize(self, y: Vector, stage: Stage) -> None:
         """Compile what `linearize` will run, and run nothing."""
-        settings = self.settings(comparison.edges, comparison.binning)
-        self.model.prepare_differentiate(self.light_unknowns(y), self.light, self.unknowns.light, settings)
-        target = self.binned(comparison.binning).target
+        settings = self.settings(stage.edges, stage.binning)
+        self.model.prepare_differentiate(self.traced_at(y), self.traced_scene, self.unknowns.traced_unknowns, settings)
+        target = self.binned(stage.binning).target
         jacobian = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
-        linearize.prepare(Picture(target, jacobian), *self._compared(y, comparison), comparison.loss)
+        linearize.prepare(Picture(target, jacobian), *self._compared(y, stage), stage.loss)
 
-    def _compared(self, y: Vector, comparison: Comparison):
+    def _compared(self, y: Vector, stage: Stage):
         """The arguments of `linearize` in order, without the picture and the loss."""
-        numbers = (comparison.blur / comparison.binning, comparison.loss_scale, comparison.noise)
+        numbers = (stage.blur / stage.binning, stage.loss_scale, stage.noise)
         at = values_and_slopes(self.array(y), self.unknowns)
-        return *at, self.binned(comparison.binning), self.prior, *map(self.array, numbers)
+        return *at, self.binned(stage.binning), self.prior, *map(self.array, numbers)
 
     def residual(self, image: Image, binning: int = 1) -> Image:
         """`Observation.residual` in numpy, which compiles nothing for a picture of another size."""
@@ -256,7 +252,7 @@ class FitState:
 
     problem: Problem
     y: Vector
-    comparison: Comparison
+    stage: Stage
     linearization: Linearization
     settled: bool = False
     next_move: float = 0.0
@@ -264,27 +260,28 @@ class FitState:
     resolution: Covariance | None = None
 
     @classmethod
-    def at(cls, problem: Problem, y: Vector, comparison: Comparison) -> "FitState":
+    def at(cls, problem: Problem, y: Vector, stage: Stage) -> "FitState":
         """The state at unknowns to which no solver has come yet."""
-        return cls(problem, y, comparison, problem.linearize(y, comparison))
+        return cls(problem, y, stage, problem.linearize(y, stage))
 
     @property
     def residual(self) -> Image:
         """The unblurred, weighted residual."""
-        return self.problem.residual(np.asarray(self.linearization.image), self.comparison.binning)
+        return self.problem.residual(np.asarray(self.linearization.image), self.stage.binning)
 
     @property
     def rms_residual(self) -> float:
         """Root mean square of the unblurred, weighted residual over the numbers that count."""
-        count = max(self.problem.binned(self.comparison.binning).count, 1)
+        count = max(self.problem.binned(self.stage.binning).count, 1)
         return float(np.linalg.norm(self.residual) / np.sqrt(count))
 
     @property
     def counts(self) -> Mask:
         """The pixels that count."""
-        return np.asarray(self.problem.binned(self.comparison.binning).root_weight) > 0
+        return np.asarray(self.problem.binned(self.stage.binning).root_weight) > 0
 
     def under_loss(self, what: Literal["residual", "weight", "score"], scale: float | None = None) -> Image:
         """A function of the loss at each residual, at its own scale or at another one; see `Loss`."""
-        scale = self.comparison.loss_scale if scale is None else scale
-        return evaluate(self.comparison.loss, what, self.residual, scale)
+        residual = jnp.asarray(self.residual)
+        scale = jnp.asarray(self.stage.loss_scale if scale is None else scale, residual.dtype)
+        return np.asarray(evaluate(self.stage.loss, what, residual, scale), np.float64)

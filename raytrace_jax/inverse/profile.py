@@ -1,5 +1,6 @@
 """The profile likelihood of a parameter: its interval where the cost is not a parabola."""
 
+import dataclasses
 import itertools
 
 import equinox as eqx
@@ -8,7 +9,7 @@ from jaxtyping import Float
 
 from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.result import PROFILE_95, Profile
-from raytrace_jax.inverse.solvers import Tolerance, levenberg_marquardt
+from raytrace_jax.inverse.solvers import levenberg_marquardt
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.inverse.uncertainty import LARGEST_ERROR, Uncertainty
 from raytrace_jax.inverse.unknowns import Values, Vector
@@ -17,14 +18,6 @@ from raytrace_jax.util.numerics import TINY
 FARTHEST_ERRORS = 3.0
 """The reach of a profile to either side in standard errors, beyond the 1.96 of a parabola's 95 % interval. The interval
 of one that curves up less closes too, down to (1.96 / 3)^2 = 0.43 of a parabola's curvature."""
-
-POINTS = 6
-"""Points on either side, half a standard error apart. A root of the profile that bends like x + c x^2, in standard
-errors, is off by at most c/16 between two of them, where it is taken for straight."""
-
-HELD = Tolerance(relative=1e-7, decrease=1e-10, rejected=3)
-"""The tolerance of each point's solve: it leaves chi-square right to a hundredth and better. Chi-square is about the
-number of residuals, a million at 640 x 480 pixels, of which a decrease of 1e-10 is 1e-4."""
 
 
 def draw_profile(
@@ -50,7 +43,9 @@ def draw_profile(
     points = {0.0: (estimate, 0.0)}
     for side in (-1, 1):
         values = estimate
-        for step in side * FARTHEST_ERRORS * (np.arange(POINTS) + 1) / POINTS:
+        # Six points, half a standard error apart. A root of the profile that bends like x + c x^2, in standard errors,
+        # is off by at most c/16 between two of them, where it is taken for straight.
+        for step in side * FARTHEST_ERRORS * (np.arange(6) + 1) / 6:
             recorder.phase(f"profile of {name}, {step:+.2g} standard errors")
             guess = values + along * (estimate[place] + step * error - values[place])
             y, least = solve_held(solution, guess, place, max_steps)
@@ -69,11 +64,13 @@ def solve_held(solution: FitState, guess: Values, place: int, max_steps: int) ->
     problem = solution.problem
 
     def linearize_held(y):
-        linearization = problem.linearize(y, solution.comparison)
+        linearization = problem.linearize(y, solution.stage)
         return eqx.tree_at(lambda tree: tree.jacobian, linearization, linearization.jacobian.at[:, place].set(0))
 
     start = problem.array(problem.unknowns.unknowns(guess))
-    state = levenberg_marquardt(problem, start, solution.comparison, HELD, max_steps, linearize=linearize_held)
+    # Chi-square is about the number of residuals, a million at 640 x 480 pixels, of which a decrease of 1e-10 is 1e-4.
+    stage = dataclasses.replace(solution.stage, max_steps=max_steps, relative=1e-7, decrease=1e-10, rejected=3)
+    state = levenberg_marquardt(problem, start, stage, linearize=linearize_held)
     return state.y, state.linearization.cost
 
 

@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from raytrace_jax.inverse.grid import settle_on_grid
-from raytrace_jax.inverse.linearize import LOSSES, Comparison
+from raytrace_jax.inverse.linearize import LOSSES
 from raytrace_jax.inverse.noise import EVIDENCE, explains, sampling_weights
-from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, correct, detect_grid, point_sampled
-from raytrace_jax.inverse.solvers import RefineOptions, StopRule, Tolerance, gauss_newton, levenberg_marquardt
+from raytrace_jax.inverse.solvers import gauss_newton, levenberg_marquardt
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA, noise_level
 from raytrace_jax.inverse.unknowns import Image, Vector
@@ -29,17 +29,12 @@ def select_solution(
 ) -> tuple[list[LocalMinimum], FitState]:
     """Solve the best minimum to the end, and those that the small pictures do not tell from it.
 
-    Args:
-        minima: minima of the small pictures, best first.
-        detect: detects near the answer how the target was sampled, if the user has not said.
-
     Returns:
         All minima, best first, with their values and evidence where they were solved to the end; and the best one.
     """
-    sampling = options.known_sampling
-    if sampling == "auto":
+    if options.known_sampling == "auto":
         recorder.phase("telling how the target was sampled")
-        sampling = detect(minima[0].y)
+        options = dataclasses.replace(options, target_sampling=detect(minima[0].y))
     recorder.phase("solving on the whole picture")
 
     # Solve the best minimum and its rivals to the end.
@@ -47,12 +42,12 @@ def select_solution(
     rivals = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < 2 * EVIDENCE][:2]
     solutions: list[FitState] = []
     for minimum in (minima[0], *rivals):
-        how = RefineOptions.of(options, sampling, level, minimum.summary.candidate)
-        solutions.append(refine(problem, minimum.y, how, recorder))
+        recorder.begin(minimum.summary.candidate, level)
+        solutions.append(refine(problem, minimum.y, options, recorder))
         recorder.found(solution=solutions[0])
 
     # The best is now the one with the least loss. Losses compare at one scale only.
-    loss_scale = max(solution.comparison.loss_scale for solution in solutions)
+    loss_scale = max(solution.stage.loss_scale for solution in solutions)
     ends = [
         (minimum.summary.candidate, solution, solution.under_loss("residual", loss_scale))
         for minimum, solution in zip((minima[0], *rivals), solutions, strict=True)
@@ -71,25 +66,7 @@ def select_solution(
     return [best, *distinct, *untouched], winner
 
 
-UNCORRECTED = Tolerance(relative=1e-6, decrease=1e-4, rejected=1)
-"""Tolerance of a solve that corrections follow: they move it by more than a hundredth of an error bar."""
-
-CORRECTIONS = StopRule(max_rounds=5, min_step_sigmas=0.1, min_step_scales=3e-6, min_rounds=1, halves=True)
-"""End of steps on a corrected picture, whose samples limit what they can tell: first a rough one, then fine ones. A
-JPEG of a checker, whose stairs make the steps of free gains go to and fro, wants more than two."""
-
-NEAR = Tolerance(relative=1e-6, decrease=1e-6, rejected=1)
-"""Tolerance of a solve that steps follow which do not ask whether the cost falls: about an error bar."""
-
-EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
-"""Tolerance of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met."""
-
-REWEIGHTED = StopRule(max_rounds=20, min_step_sigmas=0.01, min_step_scales=1e-13)
-"""End of iteratively reweighted least squares on a point-sampled picture, which has no error of its own. With 5 to 10
-rounds targets without noise are not always met (experiments/tuning)."""
-
-
-def refine(problem: Problem, y: Vector, options: RefineOptions, recorder: Recorder) -> FitState:
+def refine(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder) -> FitState:
     """Solve the whole picture from the unknowns `y`.
 
     A point-sampled picture is smooth in its parameters but at the pixels that an edge passes; there it jumps, which no
@@ -104,20 +81,30 @@ def refine(problem: Problem, y: Vector, options: RefineOptions, recorder: Record
     which is the relative error of the derivative: where that is small the steps converge. If the target's pixels are
     means of a regular grid of samples, `S` has the same samples.
     """
-    if options.edges == "aware":
+    stage = options.last_stage
+    if stage.edges == "aware":
         return refine_aware(problem, y, options, recorder)
 
-    robust = dataclasses.replace(options, loss=options.first_comparison.loss)
-    solution = solve_in_stages(problem, y, robust, NEAR, recorder)
-    solution = gauss_newton(solution, lambda *_: problem, REWEIGHTED, robust, recorder)
-    return solution if robust == options else solve_in_stages(problem, solution.y, options, EXACT, recorder)
+    # To about an error bar, since the steps that follow do not ask whether the cost falls.
+    near = dataclasses.replace(first_stage(stage), relative=1e-6, decrease=1e-6, rejected=1)
+    solution = solve_in_stages(problem, y, near, options.sigma, recorder)
+    solution = gauss_newton(solution, lambda *_: problem, recorder.step)
+    return solution if stage.loss != "l2" else solve_in_stages(problem, solution.y, stage, options.sigma, recorder)
 
 
-def refine_aware(problem: Problem, y: Vector, options: RefineOptions, recorder: Recorder) -> FitState:
-    """Solve an edge-aware picture; then correct it by samples of the target's kind, unless it is of its own kind."""
-    if options.is_own:
-        return solve_in_stages(problem, y, options, EXACT, recorder)
-    solution = solve_in_stages(problem, y, options, UNCORRECTED, recorder)
+def first_stage(stage: Stage) -> Stage:
+    """The first stage on the whole picture, in which the few point samples that an edge has passed are outliers."""
+    return dataclasses.replace(stage, loss="cauchy") if stage.edges == "point" else stage
+
+
+def refine_aware(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder) -> FitState:
+    """Solve an edge-aware picture; then correct it by samples like the target's, unless that is edge-aware itself."""
+    stage = options.last_stage
+    if options.known_sampling == "aware":
+        return solve_in_stages(problem, y, stage, options.sigma, recorder)
+    # Corrections move the answer by more than a hundredth of an error bar.
+    rough = dataclasses.replace(stage, relative=1e-6, decrease=1e-4, rejected=1)
+    solution = solve_in_stages(problem, y, rough, options.sigma, recorder)
     samples, coarse = options.target_samples, None
     # Tell the target's grid of samples, of which a lossy file leaves nothing.
     if samples is None and problem.storage is None:
@@ -125,7 +112,7 @@ def refine_aware(problem: Problem, y: Vector, options: RefineOptions, recorder: 
         coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
         samples = detect_grid(problem, solution.y, coarse, solution.linearization.pixel_jacobian)
     if samples is not None:
-        return settle_on_grid(problem, solution, samples, options, recorder, coarse)
+        return settle_on_grid(problem, solution, samples, recorder, coarse)
 
     def look_up(solution: FitState, round_: int) -> Problem:
         # The first look goes a good part of the way at a small part of the price. A target that the rough picture does
@@ -133,25 +120,19 @@ def refine_aware(problem: Problem, y: Vector, options: RefineOptions, recorder: 
         if round_ > 0 and not explains(solution):
             return solution.problem
         recorder.phase("comparing with a supersampled picture")
-        return by_random_samples(problem, solution, roughly=round_ == 0)
+        corrected, moments = correct(problem, solution.y, solution.stage, roughly=round_ == 0)
+        if round_ == 0:
+            return corrected
+        # Pixels are weighted by the noise of random samples where the target shows any.
+        residual = FitState.at(corrected, solution.y, solution.stage).residual
+        root = np.asarray(corrected.observation.root_weight)
+        weight = sampling_weights(residual, moments.variance * root**2, root > 0)
+        return corrected if weight is None else corrected.weighted(weight)
 
-    return gauss_newton(solution, look_up, CORRECTIONS, options, recorder)
-
-
-def by_random_samples(problem: Problem, solution: FitState, roughly: bool) -> Problem:
-    """The corrected problem, weighted by the noise of random samples where the target shows any."""
-    corrected, moments = correct(problem, solution.y, solution.comparison, roughly)
-    if roughly:
-        return corrected
-    residual = FitState.at(corrected, solution.y, solution.comparison).residual
-    root = np.asarray(corrected.observation.root_weight)
-    weight = sampling_weights(residual, moments.variance * root**2, root > 0)
-    return corrected if weight is None else corrected.weighted(weight)
+    return gauss_newton(solution, look_up, recorder.step, corrected=True)
 
 
-def solve_in_stages(
-    problem: Problem, y: Vector, options: RefineOptions, tolerance: Tolerance, recorder: Recorder
-) -> FitState:
+def solve_in_stages(problem: Problem, y: Vector, stage: Stage, sigma: float | None, recorder: Recorder) -> FitState:
     """Solve from `y`, once, or in stages.
 
     The scale of a robust loss follows the typical residual down, stage by stage: near the answer few residuals are
@@ -159,27 +140,26 @@ def solve_in_stages(
     by stage too: priors count beside it.
     """
     # Stages need the residual of the stage before, and the first one that of the start.
-    y, sigma = problem.array(y), options.sigma
+    y = problem.array(y)
     has_prior = np.any(np.asarray(problem.prior.precision) > 0)
-    in_stages = options.loss != "l2" or (has_prior and sigma is None)
+    in_stages = stage.loss != "l2" or (has_prior and sigma is None)
     before: FitState | None = None
     if in_stages:
-        before = FitState.at(problem, y, Comparison(options.edges, loss=options.loss, loss_scale=1.0))
+        before = FitState.at(problem, y, dataclasses.replace(stage, loss_scale=1.0))
     # Where the picture fits exactly the scale is 1e-12 or ten roundings: 1e-15 to 1e-6 do the same.
     least = max(1e-12, 10 * float(jnp.finfo(problem.observation.target.dtype).eps))
-    stage = 0
+    stage = dataclasses.replace(stage, noise=sigma or 0.0)
+    number = 0
     while True:
-        comparison = Comparison(options.edges, loss=options.loss, noise=sigma or 0.0)
         if before is not None:
             noise = sigma if sigma is not None else noise_level(before)
             scatter = max(MAD_TO_SIGMA * float(before.linearization.typical), sigma or 0.0, least)
-            loss_scale = LOSSES[options.loss].tuning * scatter
-            comparison = dataclasses.replace(comparison, noise=noise, loss_scale=loss_scale)
-        record = recorder.level(options.candidate, options.level)
-        solution = levenberg_marquardt(problem, y, comparison, tolerance, options.max_steps, record)
+            loss_scale = LOSSES[stage.loss].tuning * scatter
+            stage = dataclasses.replace(stage, noise=noise, loss_scale=loss_scale)
+        solution = levenberg_marquardt(problem, y, stage, recorder.step)
         # Go on while the typical residual falls by three tenths or more: ten stages take off a factor of 35.
-        if before is None or not solution.settled or stage == 9:
+        if before is None or not solution.settled or number == 9:
             return solution
         if float(solution.linearization.typical) > 0.7 * float(before.linearization.typical):
             return solution
-        y, before, stage = solution.y, solution, stage + 1
+        y, before, number = solution.y, solution, number + 1

@@ -30,7 +30,6 @@ class PictureResidual(eqx.Module):
 
     Args:
         start: the unknowns at which the parameters have the scene's values: unbounded, about as large as 1.
-        settings, room: what is rendered, and the sizes of the tracer's arrays.
     """
 
     start: Float[Array, " parameters"]
@@ -90,9 +89,7 @@ def make_residual(
 
     Args:
         scene: its values are the start, its dtype the precision.
-        target, free, weights: as for `fit`.
         settings: what to render; unlike in `fit`, its `edges` is used. None takes the settings in the scene's file.
-        ties, fit_exposure: as in `FitOptions`.
 
     Returns:
         The residual with its `start`, and what leads from unknowns to parameters and to the scene.

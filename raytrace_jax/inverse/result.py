@@ -35,9 +35,7 @@ class FitStep:
         blur: standard deviation of that level's Gaussian blur, in the target's pixels; 0 on the last.
         step: number of the step within the level, from 0, the start.
         cost: half the sum of squared residuals on that level, after the step.
-        accepted: whether the step was taken.
         value: the free parameters after the step, in the order of `FitResult.names`.
-        seconds: time since the fit began.
     """
 
     candidate: int
@@ -56,10 +54,8 @@ class Minimum:
 
     Args:
         candidate: number of the start that led there, as in `FitStep`.
-        value: the free parameters there.
         rms_residual: root mean square of picture minus target there, over the pixels that count, on `level`.
         level: the pyramid level on which it was judged, as in `FitStep`.
-        explained: whether the residual there is free of structure.
         evidence: by how many standard errors the estimate explains the target better than this minimum (Vuong's test).
             Below 3, two minima that both explain the target cannot be told apart.
     """
@@ -96,7 +92,6 @@ class Estimate(NamedTuple):
     Args:
         error: its total standard deviation; infinity where the picture does not determine the number, NaN where the
             error is unknown.
-        unit: what one of it is.
     """
 
     value: float
@@ -118,7 +113,6 @@ class FitPictures:
     """The pictures of a fit and how they differ.
 
     Args:
-        weights: weight of each pixel in the sum of squares.
         start, estimate: the picture at the start and at the estimate, developed by the film there; None where the
             fit was stopped before it was rendered.
         rms_residual: root mean square of estimate minus target over all pixels that count and channels, unblurred; NaN
@@ -142,9 +136,7 @@ class FitHistory:
     """The steps to an estimate, and the other minima.
 
     Args:
-        steps: every step of the solver.
         candidate: the start that led to the estimate, as in `FitStep`.
-        runner_ups: the other minima that were found, best first.
     """
 
     steps: tuple[FitStep, ...]
@@ -162,25 +154,14 @@ class FitResult:
             determined; `model_incomplete`: the residual is more than noise, so that something in the target is not as
             the scene says; `not_converged`: the solver still moved, or the picture is far from explained;
             `interrupted`: stopped by the user or a budget.
-        message: one sentence on why.
-        advice: one sentence on what to do.
         names: the free scalar parameters, as the user spelled them.
-        units: what one of each is, in words.
-        value: their estimates.
-        initial: where they started.
         at_bound: (name, bound) of each estimate that ran to the end of its range.
-        uncertainty: how sure they are if noise is the only source of error.
         check: the fixed numbers that they depend on, and what the residual shows beside noise.
-        profiles: profile likelihoods, where they were asked for.
         priors: (name, mean, standard deviation) of each prior.
         ties: (follower, leader) of each tie.
         loss: the loss of the last level, `l2` or `cauchy`; the requested one where the fit did not reach that level.
         target_samples: n, where each of the target's pixels was taken for the mean of n x n samples on a regular grid;
             1 is a point, None the mean over the whole pixel.
-        scene: the scene at the estimate.
-        settings: what was rendered.
-        pictures: the target, the picture at the start and at the estimate.
-        history: the steps of the solver, and the other minima.
         provenance: what was fitted, when and how, in words: `date`, `target_sha256`, and `seconds` up to the last step.
             From the command line also `target`, the file whose hash it is, `target_bytes`, its size, `command`, and
             `seconds_after_the_last_step`, in which the estimate was judged.

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA
 from raytrace_jax.inverse.unknowns import AnyArray, Image, Mask, Vector
@@ -49,8 +49,9 @@ def pixel_moments(
     # Some at a time, so that columns and rows take at most 16 MB.
     for some in np.array_split(offsets, max(1, offsets.size * len(column) // 1_000_000)):
         right, down = some.T[:, :, None]
-        points = problem.places((column + right).reshape(-1), (row + down).reshape(-1))
-        colors = problem.model.points(scenes, points, problem.base).reshape(3, -1, len(column)).astype(np.float64)
+        points = problem.picture_points((column + right).reshape(-1), (row + down).reshape(-1))
+        colors = problem.model.points(scenes, points, problem.base).astype(np.float64)
+        colors = colors.reshape(3, len(some), len(column))
         total += colors.sum(axis=1)
         squares += np.sum(colors**2, axis=1)
     mean = total / len(offsets)
@@ -79,7 +80,7 @@ def disagreement(problem: Problem, y: Vector, aware: Image, coarse: Moments) -> 
     return np.abs(developed(problem, y, coarse.mean) - aware).max(axis=0) > DISAGREEMENT
 
 
-def correct(problem: Problem, y: Vector, comparison: Comparison, roughly: bool = False) -> tuple[Problem, Moments]:
+def correct(problem: Problem, y: Vector, stage: Stage, roughly: bool = False) -> tuple[Problem, Moments]:
     """The problem with the bias of its edge-aware picture at `y`, and the moments of the samples in each pixel.
 
     An edge-aware picture errs where its model of an edge is too simple. A picture of a few samples errs where anything
@@ -87,11 +88,8 @@ def correct(problem: Problem, y: Vector, comparison: Comparison, roughly: bool =
     small picture and one in twelve of a large one, are sampled finely: what is left of the error is a fifth of the
     error bars of a target with noise of 1/255. The bias of a lossy file is added. `refine.refine` says why steps on a
     picture that is corrected again and again converge.
-
-    Args:
-        roughly: whether a finer correction follows.
     """
-    aware = np.asarray(problem.linearize(y, comparison).image)
+    aware = np.asarray(problem.linearize(y, stage).image)
     moments = point_sampled(problem, y, COARSE_SAMPLES)
     row, column = np.nonzero(disagreement(problem, y, aware, moments))
 
@@ -146,9 +144,6 @@ def detect_grid(
     step of the unknowns explains of a residual is taken off first: these unknowns are those of an edge-aware picture,
     and what they are off by would hide which grid is right. Of a painted board, 512 x 384, it was 2.4 times as much as
     what told 8 samples from 7.
-
-    Args:
-        y: unknowns near the answer.
     """
     # Some pixels at random, of those that count and whose inside varies. 1024 take a second or some of two cores. With
     # 128 the grid of a board of 80 x 60 was not told under noise of .05.

@@ -12,9 +12,9 @@ from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import blurred
 from raytrace_jax.inverse.candidates import groups, table
 from raytrace_jax.inverse.forward import develop_best
-from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.solvers import Tolerance, levenberg_marquardt
+from raytrace_jax.inverse.solvers import levenberg_marquardt
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder
 from raytrace_jax.inverse.unknowns import Values
 from raytrace_jax.scene.scene import map_scenes
@@ -27,12 +27,6 @@ and 0.6 a search takes a third to nine tenths more steps at times (experiments/t
 
 SAME_MINIMUM = 0.03
 """Minima nearer than this, in natural scales of the parameters, are one; half and double do the same."""
-
-COARSE = Tolerance(relative=1e-3, decrease=1e-2, rejected=2)
-"""Tolerance of a level whose answer is only the next one's start: a tenth of an error bar, the root of 1e-2."""
-
-COMPARED = Tolerance(relative=1e-4, decrease=1e-4, rejected=2)
-"""Tolerance of the last level on small pictures, where minima are compared."""
 
 SCAN_BLUR = 1.0
 """Standard deviation of the blur of a scan's pictures in their pixels, since they are sampled at points."""
@@ -94,21 +88,30 @@ def descend(
     level than a minimum that explains the picture.
     """
     y = problem.array(problem.unknowns.unknowns(start))
-    state = FitState.at(problem, y, Comparison(edges, binning=levels.binning_at(max(levels.blurs))))
+    state = FitState.at(problem, y, Stage(edges, binning=levels.binning_at(max(levels.blurs))))
     for level, blur in enumerate(levels.blurs):
         # Leave out a level whose blur takes away what is still off from here.
         if blur > 0 and signal_left(state, blur) < LEAST_SIGNAL:
             continue
-        comparison = Comparison(edges, blur, levels.binning_at(blur), noise=state.rms_residual)
-        record = recorder.level(candidate, level, blur, leads=candidate == 0)
-        tolerance = COARSE if blur > 0 else COMPARED
-        # A solve that needs more than 25 steps is not on its way to the answer.
-        state = levenberg_marquardt(problem, state.y, comparison, tolerance, 25, record)
+        # A tenth of an error bar, the root of 1e-2, is enough for the next level's start; of the last one minima are
+        # compared. A solve that needs more than 25 steps is not on its way to the answer.
+        stage = Stage(
+            edges,
+            blur,
+            levels.binning_at(blur),
+            noise=state.rms_residual,
+            max_steps=25,
+            relative=1e-3 if blur > 0 else 1e-4,
+            decrease=1e-2 if blur > 0 else 1e-4,
+            rejected=2,
+        )
+        recorder.begin(candidate, level, blur, leads=candidate == 0)
+        state = levenberg_marquardt(problem, state.y, stage, recorder.step)
         here = problem.values(state.y)
         if any(problem.scaled_distance(here, minimum.summary.value) < SAME_MINIMUM for minimum in known):
             return None
         if blur > 0 and known and known[0].summary.explained:
-            best = problem.linearize(known[0].y, comparison)
+            best = problem.linearize(known[0].y, stage)
             if state.linearization.cost > 100.0 * best.cost:  # A residual ten times as large.
                 return None
     return state
@@ -121,7 +124,7 @@ def signal_left(state: FitState, blur: float) -> float:
     remain. Near the answer, where only edges are a little off, little is left too, and no blur is needed.
     """
     residual = state.residual
-    left = blurred(residual, blur / state.comparison.binning)
+    left = blurred(residual, blur / state.stage.binning)
     return float(np.linalg.norm(left)) / max(float(np.linalg.norm(residual)), TINY)
 
 
@@ -135,7 +138,7 @@ def evaluate(
     """
     observation = problem.binned(binning)
     target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
-    points = problem.places(*problem.all_pixels(binning), binning)
+    points = problem.picture_points(*problem.all_pixels(binning), binning)
     costs, found = [], np.array(values, np.float64)
     for some in np.array_split(np.arange(len(values)), -(-len(values) // AT_ONCE)):
         # As many scenes each time: another number of them is another program.
@@ -166,7 +169,7 @@ def best_films(
         problem.array(SCAN_BLUR),
         problem.unknowns,
         problem.frame(binning),
-        problem.linear_places,
+        problem.linear_indices,
     )
     best, images = (np.asarray(x, np.float64)[: len(rows)] for x in found)
     return best, images
@@ -236,7 +239,7 @@ def find_minima(
         tried.append(start)
         if end is None:
             continue
-        state = FitState.at(problem, end.y, Comparison(edges, binning=levels.binning))
+        state = FitState.at(problem, end.y, Stage(edges, binning=levels.binning))
         if not state.linearization.is_finite:
             place = ", ".join(f"{name} {value:.6g}" for name, value in zip(problem.unknowns.names, start, strict=True))
             warnings.warn(

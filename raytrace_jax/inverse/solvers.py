@@ -12,12 +12,11 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.linearize import Comparison, Linearization, outer
-from raytrace_jax.inverse.options import FitOptions, LossName, TargetSampling
+from raytrace_jax.inverse.linearize import Linearization, outer
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.steps import (
     Record,
-    Recorder,
     Step,
     clip,
     iterate,
@@ -27,25 +26,7 @@ from raytrace_jax.inverse.steps import (
 )
 from raytrace_jax.inverse.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.unknowns import Values, Vector
-from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.util.numerics import TINY
-
-
-@dataclasses.dataclass(frozen=True)
-class Tolerance:
-    """When a solve is at rest.
-
-    Args:
-        relative: change of unknowns and cost in proportion to themselves (float32 stops where it resolves no more).
-        decrease: fraction of the cost that the linear model still takes away: the estimate's squared error in units of
-            its error bar, up to the number of residuals (the relative offset of Bates and Watts 1981).
-        rejected: rejected steps in a row: no shorter step helps either.
-    """
-
-    relative: float
-    decrease: float
-    rejected: int
-
 
 ROUNDINGS = 4
 """A change of so many roundings of the dtype is none, whatever a tolerance says."""
@@ -78,9 +59,7 @@ class Trust(NamedTuple):
 def levenberg_marquardt(
     problem: Problem,
     y: Vector,
-    comparison: Comparison,
-    tolerance: Tolerance,
-    max_steps: int,
+    stage: Stage,
     record: Record = lambda *step: None,
     linearize: Callable[[Vector], Linearization] | None = None,
 ) -> FitState:
@@ -88,15 +67,14 @@ def levenberg_marquardt(
 
     A point whose cost or derivatives are not finite is never accepted: the solver shortens its step. If the start is
     such a point, no step is known, and the solve ends there without having come to rest.
-
     """
-    limit = jnp.maximum(jnp.asarray(tolerance.relative, y.dtype), ROUNDINGS * jnp.finfo(y.dtype).eps)
+    limit = jnp.maximum(jnp.asarray(stage.relative, y.dtype), ROUNDINGS * jnp.finfo(y.dtype).eps)
     # `limit` is an array, not the float that the annotation says: a new tolerance must not compile anew.
     solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
 
     def at(y: Vector) -> FitState:
-        linearization = problem.linearize(y, comparison) if linearize is None else linearize(y)
-        return FitState(problem, y, comparison, linearization)
+        linearization = problem.linearize(y, stage) if linearize is None else linearize(y)
+        return FitState(problem, y, stage, linearization)
 
     def model_of(seen: FitState) -> LinearModel:
         projected = project_gradient(seen.linearization, seen.y, problem.unknowns)
@@ -115,7 +93,7 @@ def levenberg_marquardt(
         projected = project_gradient(best.linearization, best.y, problem.unknowns)
         squares = np.sum(np.asarray(projected.residual, np.float64) ** 2)
         promised = float(np.sum(project_on_range(projected) ** 2) / max(squares, TINY))
-        if bool(done) or rejected >= tolerance.rejected or promised < tolerance.decrease:
+        if bool(done) or rejected >= stage.rejected or promised < stage.decrease:
             return Step(dataclasses.replace(best, settled=True), accepted, None, Trust(state, rejected))
         # Have it try a point that is possible.
         to = jnp.asarray(shorten_step(problem, best.y, state.y_eval), y.dtype)
@@ -124,10 +102,10 @@ def levenberg_marquardt(
 
     start = at(jnp.asarray(clip(y, problem.unknowns), y.dtype))
     if not start.linearization.is_finite:
-        record(0, start.linearization.cost, False, start.y)
+        record(start.linearization.cost, False, start.y)
         return start
     begin = Step(start, True, start.y, Trust(init(solver, start.y, model_of(start)), 0))
-    return iterate(begin, look, propose, max_steps + 1, record)
+    return iterate(begin, look, propose, stage.max_steps + 1, record)
 
 
 @eqx.filter_jit
@@ -146,47 +124,6 @@ def advance(solver, y, model: LinearModel, state):
     return y, state, done
 
 
-@dataclasses.dataclass(frozen=True)
-class RefineOptions:
-    """Choices for a solve of the whole picture.
-
-    Args:
-        max_steps: steps of each solve at most.
-        target_samples: samples a pixel and side of a box-filtered target's regular grid, if it is known.
-        is_own: whether the target is an edge-aware picture of this program, which lacks nothing of its kind.
-    """
-
-    edges: EdgeMode
-    loss: LossName
-    sigma: float | None
-    max_steps: int
-    level: int
-    candidate: int
-    target_samples: int | None = None
-    is_own: bool = False
-
-    @classmethod
-    def of(cls, options: FitOptions, sampling: TargetSampling, level: int = 0, candidate: int = 0) -> "RefineOptions":
-        """A user's options for a target that was sampled in a known way."""
-        suited: LossName = "cauchy" if sampling == "point" else "l2"
-        return cls(
-            edges="point" if sampling == "point" else options.edges,
-            loss=suited if options.loss == "auto" else options.loss,
-            sigma=options.sigma,
-            max_steps=options.max_steps,
-            level=level,
-            candidate=candidate,
-            target_samples=options.target_samples,
-            is_own=sampling == "aware",
-        )
-
-    @property
-    def first_comparison(self) -> Comparison:
-        """The first comparison, to which the few point samples that an edge has passed are outliers."""
-        is_robust = self.edges == "point" and self.loss == "l2"
-        return Comparison(self.edges, loss="cauchy" if is_robust else self.loss)
-
-
 FARTHEST = 0.1
 """A step longer than this in natural scales, beyond which the linear model does not hold, is not taken and is the last.
 From near the answer 0.05 and 0.2 do the same."""
@@ -196,29 +133,10 @@ REST = 2.0
 a pixel that decides, steps go to and fro by about one, however short one makes them."""
 
 
-@dataclasses.dataclass(frozen=True)
-class StopRule:
-    """When the steps end.
-
-    Args:
-        min_step_scales: a step shorter than this in natural scales of the parameters is not taken. It ends the steps
-            on targets without noise, whose standard errors are next to nothing.
-        halves: whether a step back over the last one goes half as far. Storing a picture makes stairs of it, over whose
-            edges full steps go to and fro; places half such a step apart count as the same.
-    """
-
-    max_rounds: int
-    min_step_sigmas: float
-    min_step_scales: float
-    min_rounds: int = 0
-    halves: bool = False
-
-
 class Pace(NamedTuple):
     """Gauss-Newton's memory of its last step.
 
     Args:
-        fraction: how much of a step is taken.
         move: how long the step was that was taken, in standard errors.
     """
 
@@ -231,9 +149,8 @@ class Pace(NamedTuple):
 def gauss_newton(
     solution: FitState,
     renew: Callable[[FitState, int], Problem],
-    until: StopRule,
-    options: RefineOptions,
-    recorder: Recorder,
+    record: Record,
+    corrected: bool = False,
 ) -> FitState:
     """Take steps until they move nothing; the last step says whether the solver came to rest.
 
@@ -242,13 +159,22 @@ def gauss_newton(
 
     Args:
         renew: gives the problem to solve at a point, in a round; rounds count from 0.
+        corrected: whether the problem is corrected at each point, roughly at the first one, whose step is taken anyway.
+            From then on a step back over the last one goes half as far. Storing a picture makes stairs of it, over
+            whose edges full steps go to and fro; places half such a step apart count as the same.
     """
+    # Steps shorter than so many standard errors are not taken, nor those shorter than this in natural scales: the end
+    # on targets without noise, whose errors are next to nothing. A point-sampled picture has no error of its own: with
+    # 5 to 10 rounds such targets are not always met (experiments/tuning). A corrected one is right to its samples; a
+    # JPEG of a checker, whose stairs make the steps of free gains go to and fro, wants more than two rounds.
+    rounds, least_errors, least_scales = (5, 0.1, 3e-6) if corrected else (20, 0.01, 1e-13)
+    first = 1 if corrected else 0
 
     def look(last: Step[Pace], y: Vector) -> FitState:
         # Renew the problem, for example with the bias found at this point, and look at it from here.
         here = dataclasses.replace(last.best, y=y)
         problem = renew(here, last.memory.rounds)
-        return dataclasses.replace(here, problem=problem, linearization=problem.linearize(y, here.comparison))
+        return dataclasses.replace(here, problem=problem, linearization=problem.linearize(y, here.stage))
 
     def propose(last: Step[Pace], seen: FitState) -> Step[Pace]:
         problem, linearization = seen.problem, seen.linearization
@@ -262,7 +188,7 @@ def gauss_newton(
         free = project_gradient(linearization, seen.y, problem.unknowns)
         whole, move, between = gauss_newton_step(free), move_in_errors(free), seen.resolution
         # The first step after those that are taken anyway may lead back: its problem is a finer one.
-        if until.halves and round_ > until.min_rounds and changed(free, whole) @ changed(free, before) < 0:
+        if corrected and round_ > first and changed(free, whole) @ changed(free, before) < 0:
             fraction, between = fraction / 2, outer(whole[:, None] / 2)
         step, move = fraction * whole, fraction * move
         # Measure how far it leads, and decide whether it is worth taking.
@@ -270,18 +196,18 @@ def gauss_newton(
         reach = problem.scaled_distance(problem.values(y), problem.values(seen.y))
         tried, here = np.asarray(y), np.asarray(seen.y)
         is_rounding = np.abs(tried - here) <= ROUNDINGS * np.finfo(here.dtype).eps * np.maximum(np.abs(here), 1)
-        is_no_step = reach < until.min_step_scales or bool(np.all(is_rounding))
+        is_no_step = reach < least_scales or bool(np.all(is_rounding))
         # Steps that do not get shorter follow the samples of a picture and not the scene. But the first one after those
         # that are taken anyway belongs to a finer problem, and may well be longer.
-        aimless = move > move_before and round_ > until.min_rounds and round_ >= until.max_rounds // 2
-        is_short = (move < until.min_step_sigmas or is_no_step) and round_ >= until.min_rounds
+        aimless = move > move_before and round_ > first and round_ >= rounds // 2
+        is_short = (move < least_errors or is_no_step) and round_ >= first
         is_at_rest = reach < FARTHEST and (move < REST or is_no_step)
         best = dataclasses.replace(seen, settled=is_at_rest, next_move=move, resolution=between)
         to = None if is_short or reach > FARTHEST or aimless else y
         return Step(best, True, to, Pace(round_ + 1, whole, fraction, move))
 
     begin = Step(solution, True, solution.y, Pace(0, np.zeros(len(solution.y)), 1.0, np.inf))
-    return iterate(begin, look, propose, until.max_rounds, recorder.level(options.candidate, options.level))
+    return iterate(begin, look, propose, rounds, record)
 
 
 def changed(linearization: Linearization, step: Values) -> Float[np.ndarray, " rows"]:

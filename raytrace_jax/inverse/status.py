@@ -3,7 +3,7 @@
 import dataclasses
 import datetime
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -143,15 +143,6 @@ def bounds_in_words(at_bound: Sequence[tuple[str, float]]) -> str:
     return "".join(f"; {name} is at its bound, {bound:g}" for name, bound in at_bound)
 
 
-def above_one_in_words(names: Sequence[str]) -> str:
-    """A note that indices below 1 were not tried, as the end of a sentence."""
-    if not names:
-        return ""
-    return (
-        f"; {listed(names)} began above 1 and stayed there: for a ball thinner than its surroundings, -D {names[0]}=0.9"
-    )
-
-
 def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standard_error: np.ndarray) -> str:
     """The profiles that contradict the error bar of their parameter, as the end of a sentence."""
     found = ""
@@ -211,8 +202,8 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
         pictures = FitPictures(np.asarray(observed.target), np.asarray(observed.root_weight) ** 2)
     else:
         uncertainty = findings.uncertainty or quantify_uncertainty(solution, options.sigma)
-        loss = solution.comparison.loss
-        y, edges, target_samples = solution.y, solution.comparison.edges, solution.target_samples
+        loss = solution.stage.loss
+        y, edges, target_samples = solution.y, solution.stage.edges, solution.target_samples
         if edges == "point":
             target_samples = solution.problem.base.samples
         pictures = _pictures(problem, solution, findings.start_image)
@@ -232,7 +223,7 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
             explained=explained,
             finite=solution.linearization.is_finite,
             check=check,
-            excess=chi_square_excess(residual, counts, options.sigma if solution.comparison.loss == "l2" else None),
+            excess=chi_square_excess(residual, counts, options.sigma if solution.stage.loss == "l2" else None),
             uncertainty=uncertainty,
             unseen=tuple(findings.unseen),
             runner_ups=history.runner_ups,
@@ -240,10 +231,8 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
             next_move=solution.next_move,
             knows_samples=(target_samples or options.target_samples) is not None,
         )
-        # Below 1 lies what ran to that bound, or what explains a picture that nothing above does.
-        stuck = [name for name in kept_above_one(problem) if not explained or name in dict(at_bound)]
         if status in ("not_converged", "model_incomplete"):
-            advice += above_one_in_words(stuck)
+            advice += above_one_in_words(problem, explained, dict(at_bound))
     message += bounds_in_words(at_bound) + profiles_in_words(findings.profiles, names, uncertainty.standard_error)
 
     # The result.
@@ -252,7 +241,7 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
         message=message,
         advice=advice,
         names=names,
-        units=setup.units,
+        units=tuple(resolve(problem.scene, name).attribute.unit for name in names),
         value=problem.values(y),
         initial=problem.unknowns.initial(problem.scene),
         at_bound=at_bound,
@@ -290,12 +279,23 @@ def is_within_errors(solution: FitState, uncertainty: Uncertainty, check: ModelC
     return bool(np.all((there - problem.values(solution.y)) ** 2 <= variance))
 
 
-def kept_above_one(problem: Problem) -> tuple[str, ...]:
-    """The free indices that start above 1, below which no fit then looks."""
-    scene, names = problem.scene, problem.unknowns.names
-    indices = {name for name in names if resolve(scene, name).attribute.quantity.role == "index"}
-    rows = zip(names, problem.unknowns.transforms, strict=True)
-    return tuple(name for name, transform in rows if name in indices and transform.limits[0] == 1)
+def above_one_in_words(problem: Problem, explained: bool, at_bound: Mapping[str, float]) -> str:
+    """A note on free indices that start above 1, below which no fit then looks, as the end of a sentence.
+
+    Below 1 lies what ran to that bound, or what explains a picture that nothing above does.
+    """
+    names = problem.unknowns.names
+    stuck = [
+        name
+        for name, transform in zip(names, problem.unknowns.transforms, strict=True)
+        if resolve(problem.scene, name).attribute.quantity.role == "index" and transform.limits[0] == 1
+        if not explained or name in at_bound
+    ]
+    if not stuck:
+        return ""
+    return (
+        f"; {listed(stuck)} began above 1 and stayed there: for a ball thinner than its surroundings, -D {stuck[0]}=0.9"
+    )
 
 
 def _pictures(problem: Problem, solution: FitState, start: np.ndarray | None) -> FitPictures:

@@ -72,8 +72,8 @@ def project_on_range(linearization: Linearization) -> Float[np.ndarray, " direct
 
 Memory = TypeVar("Memory")
 
-Record = Callable[[int, float, bool, Vector], None]
-"""A function that is called with (number, cost, accepted, unknowns) after each step."""
+Record = Callable[[float, bool, Vector], None]
+"""A function that is called with (cost, accepted, unknowns) after each step."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,11 +100,11 @@ def iterate(
     record: Record,
 ) -> FitState:
     """Step until the method proposes no further place, or `most` places were seen."""
-    for number in range(most):
+    for _ in range(most):
         if step.to is None:
             break
         step = propose(step, look(step, step.to))
-        record(number, step.best.linearization.cost, step.accepted, step.best.y)
+        record(step.best.linearization.cost, step.accepted, step.best.y)
     return step.best
 
 
@@ -163,6 +163,7 @@ class Recorder:
         self.on_step, self.on_phase = on_step, on_phase
         self.started = time.monotonic()
         self.is_stopped = False
+        self.candidate, self.level, self.blur, self.leads = 0, 0, 0.0, True
         self.history: list[FitStep] = []
         self.findings = Findings()
 
@@ -193,20 +194,17 @@ class Recorder:
         """Add fields of the `Findings`, which outlive an interrupt."""
         self.findings = dataclasses.replace(self.findings, **what)
 
-    def level(self, candidate: int, level: int, blur: float = 0.0, leads: bool = True) -> Record:
-        """The callback for one level of one candidate, whose steps go on after those that the history has of it.
+    def begin(self, candidate: int, level: int, blur: float = 0.0, leads: bool = True) -> None:
+        """Have the steps from now on be those of one level of a candidate; `leads`: they are the best answer so far."""
+        self.candidate, self.level, self.blur, self.leads = candidate, level, blur, leads
 
-        `leads` says that its steps are the best answer so far.
-        """
-        first = sum(step.candidate == candidate and step.level == level for step in self.history)
-
-        def record(step: int, cost: float, accepted: bool, y: Vector) -> None:
-            values = self.problem.values(y)
-            if leads:
-                self.found(answer=y)
-            self.history.append(FitStep(candidate, level, blur, first + step, cost, accepted, values, self.seconds))
-            if self.on_step is not None and not self.is_stopped:
-                self.on_step(self.history[-1])
-            self.check_clock()
-
-        return record
+    def step(self, cost: float, accepted: bool, y: Vector) -> None:
+        """Add a step to the history, counted on from those that it has of the same level and candidate."""
+        place = self.candidate, self.level
+        number = sum((step.candidate, step.level) == place for step in self.history)
+        if self.leads:
+            self.found(answer=y)
+        self.history.append(FitStep(*place, self.blur, number, cost, accepted, self.problem.values(y), self.seconds))
+        if self.on_step is not None and not self.is_stopped:
+            self.on_step(self.history[-1])
+        self.check_clock()

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from scipy import stats
 
 from raytrace_jax.inverse.assumptions import Cause
-from raytrace_jax.inverse.changes import Pixels, flat
+from raytrace_jax.inverse.changes import SampledPicture, flat
 from raytrace_jax.inverse.fixed import FixedNumbers
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.unknowns import Image, Vector
@@ -242,7 +242,7 @@ class Suspects:
     stated: tuple[tuple[float, Limit | None], ...]
 
     @classmethod
-    def of(cls, of_film: list[FilmChange], pixels: Pixels, numbers: FixedNumbers, by_number) -> "Suspects":
+    def of(cls, of_film: list[FilmChange], pixels: SampledPicture, numbers: FixedNumbers, by_number) -> "Suspects":
         """Make suspects of all fixed numbers, and of what a film may do."""
         # Amounts are told in pixels, and in percent where a number has a size.
         causes, of_picture = [], {k for k, p in enumerate(numbers.parameters) if p.attribute.unit == "pixel"}
@@ -294,7 +294,7 @@ class Suspects:
         return Suspects(causes, self.changes[keep], self.of_film, self.least_left[keep], stated)
 
 
-def film_rows(changes: list[FilmChange], pixels: Pixels) -> Float[np.ndarray, "changes rows"]:
+def film_rows(changes: list[FilmChange], pixels: SampledPicture) -> Float[np.ndarray, "changes rows"]:
     """Changes by the film as weighted rows of the judged pixels."""
     found = [flat(pixels.judged.of(one.change)[None] * pixels.root_weight) for one in changes]
     return np.concatenate(found) if found else np.zeros((0, 3 * len(pixels.judged.row)))

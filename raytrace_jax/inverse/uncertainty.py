@@ -101,7 +101,7 @@ def noise_level(state: FitState) -> float:
     with least squares from the mean square.
     """
     linearization = state.linearization
-    if state.comparison.loss != "l2":
+    if state.stage.loss != "l2":
         return MAD_TO_SIGMA * float(linearization.typical)
     freedom = 3 * int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)
     return float(np.sqrt(float(linearization.squares) / max(freedom, 1)))
@@ -134,7 +134,7 @@ def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
 
 def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     """`quantify_uncertainty` of finite sums. Raises LinAlgError where LAPACK finds no eigenvalues."""
-    problem, linearization, comparison = state.problem, state.linearization, state.comparison
+    problem, linearization, stage = state.problem, state.linearization, state.stage
     names = problem.unknowns.names
     slope, scale = problem.slopes(state.y), problem.scale
     unit = scale / np.maximum(np.abs(slope), TINY)  # From unknowns to values in natural scales.
@@ -159,7 +159,7 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
 
     # H, in the directions in which R is the identity. Where it curves down there are outliers only, and R's is taken.
-    fixed = np.diag((comparison.noise * prior_row) ** 2)
+    fixed = np.diag((stage.noise * prior_row) ** 2)
     bread = whiten.T @ by_value(linearization.curvature) @ whiten
     if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:
         bread = np.eye(len(bread))
@@ -178,7 +178,7 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     meat = score_covariance + neighbour_covariance if is_known else score_covariance
     if used > seen:  # Noise that was stated counts, also where the residual does not show it.
         meat = meat + (used**2 - seen**2) * outer((jacobian * weight).reshape(len(names), -1))
-    scatter = whiten.T @ (by_value(meat) + fixed * comparison.noise**2) @ whiten
+    scatter = whiten.T @ (by_value(meat) + fixed * stage.noise**2) @ whiten
     # Equal colours are stored with equal errors. Where that takes pulls away it does not count.
     observed = problem.observation
     target, bias = np.asarray(observed.target, np.float64), np.asarray(observed.bias, np.float64)

@@ -33,7 +33,7 @@ Mask = Bool[np.ndarray, "height width"]
 PixelJacobian = Float[np.ndarray, "parameters 3 height width"]
 Covariance = Float[np.ndarray, "parameters parameters"]
 
-Kind = Literal["free", "above", "between"]
+Bounds = Literal["free", "above", "between"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,14 +44,14 @@ class Transform:
     beyond its reach gives the value of the end, for solvers that do not know the reach.
     """
 
-    kind: Kind = "free"
+    bounds: Bounds = "free"
     lower: float = 0.0
     upper: float = 1.0
     unit: float = 1.0
 
     def to_value(self, y: Float[Array, ""]) -> Float[Array, ""]:
         """The parameter's value; at an end the derivative is that of the inside."""
-        if self.kind == "free":
+        if self.bounds == "free":
             # Not even multiplied by 1: XLA takes the smallest numbers for 0 where it calculates.
             return y if self.unit == 1 else self.unit * y
         least, most = self.reach
@@ -60,7 +60,7 @@ class Transform:
 
     def to_unknown(self, value: float) -> float:
         """The unknown that gives a value; a value at or beyond a bound is first moved just inside."""
-        if self.kind == "free":
+        if self.bounds == "free":
             return value / self.unit
         least, most = self.reach
         return min(max((value - self.lower) / self.width, least), most)
@@ -68,22 +68,22 @@ class Transform:
     @property
     def limits(self) -> tuple[float, float]:
         """The least and the largest value."""
-        if self.kind == "free":
+        if self.bounds == "free":
             return -math.inf, math.inf
-        return self.lower, math.inf if self.kind == "above" else self.upper
+        return self.lower, math.inf if self.bounds == "above" else self.upper
 
     @property
     def width(self) -> float:
         """The change of a bounded value while its unknown changes by 1."""
-        return self.unit if self.kind == "above" else self.upper - self.lower
+        return self.unit if self.bounds == "above" else self.upper - self.lower
 
     @property
     def reach(self) -> tuple[float, float]:
         """The least and the largest unknown that a solver may try."""
-        if self.kind == "free":
+        if self.bounds == "free":
             return -math.inf, math.inf
         # A radius of 0 is none: a value comes as near to its bound as this, in units or shares of its range.
-        return 1e-30, math.inf if self.kind == "above" else 1.0
+        return 1e-30, math.inf if self.bounds == "above" else 1.0
 
 
 def default_transform(quantity: Quantity, value: float, unit: float = 1.0) -> Transform:
@@ -145,15 +145,15 @@ class Unknowns:
     of_film: tuple[str, ...] = ()
 
     @property
-    def light_places(self) -> tuple[int, ...]:
+    def traced(self) -> tuple[int, ...]:
         """The places of the parameters that are not the film's."""
         return tuple(place for place, name in enumerate(self.names) if name not in self.of_film)
 
     @property
-    def light(self) -> "Unknowns":
+    def traced_unknowns(self) -> "Unknowns":
         """The unknowns that are not the film's: those of what is traced."""
-        names = tuple(self.names[place] for place in self.light_places)
-        transforms = tuple(self.transforms[place] for place in self.light_places)
+        names = tuple(self.names[place] for place in self.traced)
+        transforms = tuple(self.transforms[place] for place in self.traced)
         ties = tuple(pair for pair in self.ties if pair[1] in names)
         return Unknowns(names, transforms, ties)
 

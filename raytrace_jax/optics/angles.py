@@ -59,7 +59,7 @@ def brewster_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
 def slab_shift(
     theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"], thickness: Float[ArrayLike, "*#rays"]
 ) -> Float[Array, "*rays"]:
-    """How far beside its old line a ray goes on behind a slab with parallel faces, at right angles to the ray.
+    """The shift of a ray behind a slab with parallel faces, at right angles to the ray.
 
     `s = thickness sin(theta_i - theta_t) / cos(theta_t)` with `theta_t = snell_angle(theta_i, eta)`. Derivatives:
     `d s / d theta_i = thickness (cos(theta_i) + sin(theta_i) tan(theta_t) - cos(theta_i)^2 / (eta cos(theta_t)^3))`,

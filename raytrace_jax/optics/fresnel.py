@@ -1,4 +1,4 @@
-"""How much of the light a transparent surface reflects: Fresnel's equations, and Schlick's approximation of them."""
+"""The reflectance of a transparent surface: Fresnel's equations, and Schlick's approximation of them."""
 
 import jax.numpy as jnp
 from jax.typing import ArrayLike

@@ -1,4 +1,4 @@
-"""What the formulas ask of their arguments: refused where it is known, NaN where it is traced."""
+"""Arguments for which a formula says nothing are refused where they are known, NaN where they are traced."""
 
 import jax.numpy as jnp
 import numpy as np

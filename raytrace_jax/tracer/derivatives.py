@@ -126,7 +126,6 @@ def develop_derivatives(
     """A picture of light developed by a film, and its derivatives by all unknowns.
 
     Args:
-        image: the light.
         jacobian: its derivatives by the unknowns; 0 by those of the film.
         scene: gives the film, with None for effects that do nothing.
     """
@@ -155,7 +154,6 @@ def finite_differences(
     to four times, and at last taken to one side only.
 
     Args:
-        scene, names: as for `picture_derivatives`.
         settings: as for `picture_derivatives`; its `edges`, `samples` and AOVs are not used.
         step: how far a parameter moves to either side, in its own unit. An edge has to cross several samples on the
             way, or the difference is noise.
@@ -238,11 +236,9 @@ class Differences(NamedTuple):
     """Finite differences of a picture.
 
     Args:
-        values: for each parameter the change of the picture per unit.
         spreads: for each the relative L2 difference from those by twice the step: about their own error, be it that of
             a step that is too long or of samples that are too few for a short one.
         steps: for each how far it moved to either side, before its limits.
-        samples: the pictures have `samples` x `samples` rays a pixel.
     """
 
     values: Float[np.ndarray, "parameters 3 height width"]
@@ -262,11 +258,9 @@ def steady_differences(
     """Central finite differences of a picture by two steps, the second half of the first, to check derivatives against.
 
     Args:
-        scene, names, settings: as for `finite_differences`.
         step: the first step. Without it the step is halved until the differences by two steps agree, or until halving
             it once more makes them worse, as the noise of samples then does.
         samples: as for `finite_differences`; without it as many as `default_samples` says.
-        on_step: called with a scalar parameter's name for each difference.
 
     Raises:
         ParameterError, ValueError: as `finite_differences`.

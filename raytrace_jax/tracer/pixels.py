@@ -89,7 +89,6 @@ def pixel_colors(
 
     Args:
         scenes: scenes of one structure, with concrete values, as `map_scenes` makes them.
-        points: where to look.
         settings: what to render; what it says of pixels and their edges does not matter.
         step: as `pixel_step`: then each point stands for the edge-aware pixel around it; without it, for one ray.
     """
@@ -102,13 +101,7 @@ def pixel_colors(
 def pixel_outputs(
     scenes: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None
 ) -> dict[str, np.ndarray]:
-    """The `color` at points, and the arbitrary output variables of the settings there, by name.
-
-    Args:
-        scenes, points: as for `pixel_colors`; one of each at least.
-        settings: what to render, its edges and its variables; areas are those of one of its samples.
-        step: as `pixel_step`; it does not matter to points.
-    """
+    """The `color` at points, and the arbitrary output variables of the settings there, by name."""
     settings, aov = settings.of_rays, settings.aov
     scenes = map_scenes(np.asarray, dataclasses.replace(scenes, film=None))
     names, last = ("color", *aov), None
@@ -144,9 +137,6 @@ def trace_batches(
 ) -> tuple[dict[str, Array], Array]:
     """Trace batches of points, which are spread over devices.
 
-    Args:
-        scenes: of each slot, as `map_scenes` makes them.
-
     Returns:
         The outputs by name, and how many rays each batch wanted.
     """
@@ -178,7 +168,6 @@ def pixel_derivatives(
 
     Args:
         y: the numbers by which to differentiate, concrete.
-        scene: gives all that does not follow from them.
         settings: what to render; they say `edges`, and how often a pixel is sampled in each direction.
     """
     rays, y = settings.of_rays, jnp.asarray(y)

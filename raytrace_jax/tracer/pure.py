@@ -31,15 +31,11 @@ from raytrace_jax.tracer.world import MOST_SHAPES, prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import with_lower_ranks
 
-PROBED = 4096
-"""Pixels that are traced to measure how many rays pixels want."""
-
 
 class Room(NamedTuple):
     """The sizes of a pure picture's batches; static and hashable.
 
     Args:
-        picture: of the picture itself.
         derivative: of the derivative of a picture by points, which is that of areas; None where the derivative is the
             picture's own, or edge-aware tracing cannot take the scene.
     """
@@ -64,7 +60,7 @@ def _measured(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacit
     """The capacity of a batch, from tracing some pixels that are spread over the picture."""
     settings = dataclasses.replace(settings, samples=1, aov=())
     pixels = picture_pixels(scene, settings)
-    some = pixels.points[:, spread_out(pixels.points.shape[1])[0][:PROBED]]
+    some = pixels.points[:, spread_out(pixels.points.shape[1])[0][:4096]]
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
     pixel_outputs(scenes, some, settings, pixels.step)
     return capacity_for(slack * known_need(scene_key(scenes, settings.of_rays), settings), derivatives=True)
@@ -181,13 +177,7 @@ MOVING_SLACK = 1.3
 
 
 class Renderer:
-    """`renderer(scene)` is the scene's `Film`; see `make_renderer`.
-
-    Attributes:
-        settings: what is rendered.
-        model: with which its scenes are loaded.
-        room: the sizes of a program's arrays; `grow` makes them larger.
-    """
+    """`renderer(scene)` is the scene's `Film`; see `make_renderer`."""
 
     def __init__(self, settings: ResolvedSettings, room: Room, model: ModelName):
         self.settings, self.room, self.model = settings, room, model
@@ -217,9 +207,6 @@ class Renderer:
         """Make room for a scene that overflowed inside of a transformation. Returns whether there was too little.
 
         Functions that were traced before keep the old sizes: if this returns True, apply `jax.jit` to them anew.
-
-        Args:
-            scene: with concrete values.
         """
         needed = room_for(scene, self.settings, 1.0)
         if not self.room.lacks(needed):

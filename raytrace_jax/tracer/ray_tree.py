@@ -12,16 +12,14 @@ from raytrace_jax.errors import RaytraceError, SettingsError
 from raytrace_jax.optics import refract
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
-from raytrace_jax.tracer.levels.compaction import BLOCK, Packing
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, unpacked
+from raytrace_jax.tracer.levels.compaction import BLOCK, Packing, pack_rays
 from raytrace_jax.tracer.levels.integrator import (
     ChildResult,
     Level,
     RayRecord,
-    combine_chunk,
-    pack_rays,
+    combine,
     trace_level,
-    unpacked,
 )
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
@@ -40,16 +38,11 @@ class RayNode(NamedTuple):
 
     Args:
         number: its place in the tree; parents come before their children, and 0 is the camera's ray.
-        parent: number of the ray from whose hit it starts; None for the camera's.
-        kind: how it left there.
         bounce: how many rays lie before it on its path.
         weight: about how much its colour counts in the pixel's: the product of the weights along its path.
         o: where it starts, world units.
-        d: its direction, of length one.
         shape: name of the shape that it hits; None if it hits nothing, and then what follows has no meaning but for
             the colour, which is black.
-        p: the point hit.
-        n: the unit normal there.
         distance: from `o` to `p`, world units.
         path_length: of the whole path from the viewpoint to `p`; ambient light falls off with it.
         entering: whether it comes from the side that the normal points to.
@@ -57,7 +50,6 @@ class RayNode(NamedTuple):
         theta_t: angle of refraction in radians; None where nothing is transmitted.
         total: whether there is total internal reflection.
         reflect: weight of the reflected ray in this one's colour, of the largest channel; 0 if there is none.
-        transmit: weight of the transmitted ray in it.
         color: what the ray brings back, scene-linear RGB.
         medium: name of the shape whose glass it runs through; None in vacuum, in models without media, and where the
             ray hits nothing.
@@ -121,7 +113,6 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
     The colour of the first ray is that of the pixel in `render(scene, settings)`, up to rounding.
 
     Args:
-        scene: the scene, with concrete values.
         pixel: column and row, counted in the whole picture from its top left, also where the settings have a crop.
         settings: what to render, one sample a pixel, without awareness of edges; None is what the scene's file says.
 
@@ -197,13 +188,13 @@ def _step(
     level = trace_level(world, rays, live, number, settings)
     if not level.children:  # An empty scene.
         return level, {}, None
-    model, material = MODELS[settings.model], materials_at(world, level.hits)
-    d_dot_n = dot(rays.d, level.hits.n)
+    model, material = MODELS[settings.model], materials_at(world, level.si)
+    d_dot_n = dot(rays.d, level.si.n)
     entering = d_dot_n < 0
-    media = model.media(world, level.hits, entering, settings)
-    _, cos_theta_t, total = refract(rays.d, level.hits.n, media.eta)
-    reflect, transmit = model.child_weights(level.surface)
-    transparent = level.hits.valid & (model.transparency(material) > 0)
+    media = model.media(world, level.si, entering, settings)
+    _, cos_theta_t, total = refract(rays.d, level.si.n, media.eta)
+    reflect, transmit = model.child_weights(level.scattering.surface)
+    transparent = level.si.valid & (model.transparency(material) > 0)
     wanted = jnp.stack([kind for kind, _ in level.children])
     details = {
         "entering": entering,
@@ -232,8 +223,8 @@ def _colors(levels: list[TracedLevel], settings: ResolvedSettings) -> list[np.nd
 def _blend(settings: ResolvedSettings, color, level: Level, packing: Packing | None):
     # The place after the last one is black: that of children which were not traced.
     below = ChildResult(jnp.pad(color, ((0, 0), (0, 1))), None, None)
-    children = jnp.zeros((0, level.hits.valid.size), jnp.int32) if packing is None else packing.slot
-    return combine_chunk(settings, below, RayRecord.of(level, jnp.zeros(1, jnp.int32), children)).color
+    children = jnp.zeros((0, level.si.valid.size), jnp.int32) if packing is None else packing.slot
+    return combine(settings, below, RayRecord.of(level, jnp.zeros(1, jnp.int32), children)).color
 
 
 def _as_nodes(
@@ -245,13 +236,13 @@ def _as_nodes(
     dropped = 0
     for bounce, (traced, color) in enumerate(zip(levels, colors, strict=True)):
         # To numpy once a level: entries of arrays on a device are slow to take one by one.
-        rays, hits, details = jax.tree.map(np.asarray, (traced.rays, traced.level.hits, traced.details))
+        rays, si, details = jax.tree.map(np.asarray, (traced.rays, traced.level.si, traced.details))
         # A node for each ray of the level; its weight is its parent's times what the parent sends its way.
         first, slots = len(nodes), rays.o.shape[-1]
         for slot, (parent, kind) in enumerate(origins):
             above = None if parent is None else nodes[parent]
             weight = above.weight * (above.reflect if kind == "reflected" else above.transmit) if above else 1.0
-            valid = bool(hits.valid[slot])
+            valid = bool(si.valid[slot])
             medium = int(details["medium"][slot]) if valid and "medium" in details else NO_SHAPE
             angle = _angle(details, "cos_theta_t", slot) if valid and details["refracted"][slot] else None
             nodes.append(
@@ -263,11 +254,11 @@ def _as_nodes(
                     weight=weight,
                     o=rays.o[:, slot],
                     d=rays.d[:, slot],
-                    shape=names[hits.shape[slot]] if valid else None,
-                    p=hits.p[:, slot],
-                    n=hits.n[:, slot],
-                    distance=float(hits.t[slot]),
-                    path_length=float(hits.path_length[slot]),
+                    shape=names[si.shape[slot]] if valid else None,
+                    p=si.p[:, slot],
+                    n=si.n[:, slot],
+                    distance=float(si.t[slot]),
+                    path_length=float(si.path_length[slot]),
                     entering=valid and bool(details["entering"][slot]),
                     theta_i=_angle(details, "cos_theta_i", slot) if valid else 0.0,
                     theta_t=angle,

@@ -59,7 +59,6 @@ class Film(eqx.Module):
         `write_film` writes beside them how they were made.
 
         Args:
-            path: the file; missing folders are made, and it appears only when it is whole.
             half: of OpenEXR, store 16-bit floats.
             transfer: of PNG and PPM, `srgb`, what screens expect, or `course`, without a gamma.
 
@@ -102,9 +101,6 @@ WORTH_A_LOOK = 4_000_000
 def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int = 0) -> None:
     """Refuse a picture for which there is no memory.
 
-    Args:
-        derivatives: how many pictures of derivatives there are beside it.
-
     Raises:
         PictureError: says how much memory is needed and free, and what to do.
     """
@@ -120,13 +116,9 @@ def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int 
             + (derivatives > 0) * f" with derivatives by {derivatives} numbers"
         )
         raise PictureError(
-            f"{what} needs about {_gigabytes(needed)} of memory, and {_gigabytes(free)} are free: render it in parts "
+            f"{what} needs about {needed / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free: render it in parts "
             "(--crop), or smaller (--size)."
         )
-
-
-def _gigabytes(size: int) -> str:
-    return f"{size / 1e9:.3g} GB"
 
 
 def render(scene: Scene, settings: RenderSettings | None = None) -> Film:

@@ -35,11 +35,7 @@ FILLED = 0.95
 
 
 class Capacity(NamedTuple):
-    """The sizes of a batch.
-
-    Args:
-        pixels: of how many pixels all rays find room.
-    """
+    """The sizes of a batch."""
 
     rays: int
     pixels: int
@@ -181,9 +177,6 @@ def map_batches(trace_batch, common, each, batches: Batches):
 
     Args:
         trace_batch: traces one; of what it is given and of nothing else that is traced, as for `share_out`.
-        common: what all batches have in common.
-        each: what each batch has of its own, with the slots as its first axis.
-        batches: where the batches look.
     """
 
     def trace_some(common, each, points, counts, steps):
@@ -207,8 +200,6 @@ def share_out(function, common, *arrays):
     Args:
         function: of what it is given and of nothing else that is traced: a value from an earlier program lies on the
             same devices, and JAX refuses such a one where it is closed over.
-        common: what every device gets whole.
-        arrays: what is shared out.
     """
     if jax.device_count() == 1:
         return function(common, *arrays)

@@ -26,7 +26,6 @@ class Aov(NamedTuple):
     """A variable of each pixel's own point.
 
     Args:
-        channels: the names of its channels in an EXR file.
         value: the variable, from a `integrator.Trace`.
         missing: what stands where nothing is hit.
     """
@@ -54,10 +53,7 @@ class ModelRules(NamedTuple):
     """A model's rules of paths, apart from light.
 
     Args:
-        max_bounces: how often a path may bounce, if the settings do not say.
         longest_path: a longer path ends in black, in world units; infinite where paths do not end.
-        planes_end_at_image_plane: planes are not seen where z > 0.
-        mapping: where pixels look, if the settings do not say.
         least_weight: a ray that counts less in its pixel is black; 0 where all rays count.
         only: the settings that this model has no choice of, with the one value that says nothing.
     """

@@ -27,7 +27,6 @@ class World(eqx.Module):
         unit: the length that small distances are measured in: one in a scene as large as the course's, and so much
             more or less in others that a scene is traced alike in metres and in millimetres. Without derivative.
         textures: what lies on shapes and around them; None where there is nothing, or the model knows of none.
-        background: what rays see that hit nothing; None as above.
         channel_ior: each shape's index for each channel, in the place of that of its material; None where all channels
             have one.
     """
@@ -44,9 +43,6 @@ class World(eqx.Module):
 
 def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyramid, ...] | None = None) -> World:
     """Lay a scene out for tracing.
-
-    Args:
-        pyramids: of its pictures, where many scenes share them.
 
     Raises:
         RaytraceError: more shapes than edge-aware tracing can tell apart.

@@ -139,7 +139,7 @@ def read_colours(
     # Beside, as a fit is: Ctrl-C need not wait for what is compiled here.
     image = run_beside(lambda: supersampled(problem, problem.start(), settings.samples), lambda: None, lambda: None)
     counts = np.asarray(problem.observation.root_weight) > 0
-    off = stored_differences(image[:, counts], target[:, counts], bool(problem.linear_places))
+    off = stored_differences(image[:, counts], target[:, counts], bool(problem.linear_indices))
     nearest = min(off, key=lambda transfer: off[transfer])
     # The course's transfer holds unless another one is clearly nearer.
     is_clear = off[nearest] < 0.7 * off["course"]

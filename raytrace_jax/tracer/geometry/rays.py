@@ -32,13 +32,13 @@ class Beam(eqx.Module):
 
     Args:
         passed: the last two shapes past whose edges the ray went since its origin, or `NO_SHAPE`; it ignores them.
-        bounce: how often the path has bounced.
+        depth: how often the path has bounced.
         subdivisions: how often its footprint has been cut into smaller ones.
     """
 
     footprint: Footprint
     passed: Int[Array, "2 *rays"]
-    bounce: Integers
+    depth: Integers
     subdivisions: Integers
 
 
@@ -52,8 +52,8 @@ class Rays(eqx.Module):
         origin_shape: index of the shape on which the ray starts, or `NO_SHAPE`.
         inside: whether the ray leaves that shape's surface towards the side that its normal points away from.
         edge_beam: for tracing that is aware of edges, else None.
-        pixel_weight: about how much the ray's colour counts in its camera ray's; not differentiable. None where nothing
-            asks.
+        path_throughput: about how much the ray's colour counts in its camera ray's; not differentiable. None where
+            nothing asks.
     """
 
     o: Vectors
@@ -62,13 +62,13 @@ class Rays(eqx.Module):
     origin_shape: Integers
     inside: Flags
     edge_beam: Beam | None = None
-    pixel_weight: Scalars | None = None
+    path_throughput: Scalars | None = None
 
     @property
-    def weight(self) -> Scalars:
+    def throughput(self) -> Scalars:
         """How much the ray counts in its pixel, where that is asked."""
-        assert self.pixel_weight is not None
-        return self.pixel_weight
+        assert self.path_throughput is not None
+        return self.path_throughput
 
     @property
     def beam(self) -> Beam:
@@ -87,26 +87,20 @@ COUNT_BITS = 3
 """The number of subdivisions takes so many bits."""
 
 
-def pack_bits(rays: Rays) -> list[Integers]:
-    """All that is discrete about rays, in few numbers each: moving rays costs by the number of values."""
-    numbers = [2 * rays.origin_shape + rays.inside.astype(jnp.int32)]
+def packed(rays: Rays) -> tuple:
+    """Rays as a tree of few arrays, continuous and discrete ones: moving rays costs by the number of values."""
+    numbers, footprint = [2 * rays.origin_shape + rays.inside.astype(jnp.int32)], None
     if rays.edge_beam is not None:
+        footprint = rays.beam.footprint
         numbers[0] = (numbers[0] << COUNT_BITS) + rays.beam.subdivisions
         first, second = rays.beam.passed + 1
-        numbers.append(first + (second << INDEX_BITS) + (rays.beam.bounce << 2 * INDEX_BITS))
-    return numbers
+        numbers.append(first + (second << INDEX_BITS) + (rays.beam.depth << 2 * INDEX_BITS))
+    return (rays.o, rays.d, rays.path_length, footprint, rays.path_throughput), numbers
 
 
-def unpack_rays(
-    o: Vectors,
-    d: Vectors,
-    path_length: Scalars,
-    footprint: Footprint | None,
-    weight: Scalars | None,
-    numbers: list[Integers],
-) -> Rays:
-    """Rays from what is continuous about them (of a beam its footprint) and from `pack_bits` of them."""
-    own, *others = numbers
+def unpacked(values: tuple) -> Rays:
+    """The rays that `packed` has packed."""
+    (o, d, path_length, footprint, throughput), (own, *others) = values
     edge_beam = None
     if footprint is not None:
         (edges,) = others
@@ -114,7 +108,7 @@ def unpack_rays(
         passed = jnp.stack([edges & mask, (edges >> INDEX_BITS) & mask]) - 1
         edge_beam = Beam(footprint, passed, edges >> 2 * INDEX_BITS, own & ((1 << COUNT_BITS) - 1))
         own = own >> COUNT_BITS
-    return Rays(o, d, path_length, own >> 1, (own & 1) == 1, edge_beam, weight)
+    return Rays(o, d, path_length, own >> 1, (own & 1) == 1, edge_beam, throughput)
 
 
 UNROLL = 12

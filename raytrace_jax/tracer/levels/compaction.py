@@ -1,8 +1,11 @@
 """Packing the wanted ones of many candidate rays tightly into arrays of a fixed capacity."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, Shaped
+
+from raytrace_jax.tracer.geometry.rays import Rays, packed
 
 BLOCK = 64
 """Prefix sums are taken in blocks of this many, by a matrix product; capacities are multiples of it."""
@@ -36,6 +39,20 @@ def pack(wanted: Bool[Array, "kinds rays"], capacity: int) -> Packing:
     numbers = jnp.arange(total, dtype=jnp.int32)
     candidate = jnp.zeros(capacity, jnp.int32).at[slot].set(numbers, mode="drop", unique_indices=True)
     return Packing(slot.reshape(wanted.shape), candidate, rank[-1])
+
+
+def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> tuple[tuple, Packing]:
+    """The wanted rays of all kinds, as `packed`, kind after kind."""
+    packing = pack(jnp.stack([wanted for wanted, _ in kinds]), capacity)
+    parent = packing.candidate % kinds[0][0].size
+
+    def pick(*values):
+        # What all kinds have in common is gathered by parent, once.
+        if all(value is values[0] for value in values):
+            return gather(values[0], parent)
+        return gather(jnp.concatenate(values, axis=-1), packing.candidate)
+
+    return jax.tree.map(pick, *(packed(rays) for _, rays in kinds)), packing
 
 
 def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates"]:

@@ -15,8 +15,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.optics import reflect, refract
 from raytrace_jax.tracer.geometry.intersection import Hits, intersect
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, pack_bits, take, unpack_rays
-from raytrace_jax.tracer.levels.compaction import Packing, gather, pack
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, packed, take, unpacked
+from raytrace_jax.tracer.levels.compaction import gather, pack_rays
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.materials import LINE_CHANNEL
 from raytrace_jax.tracer.shading.model import Children, materials_at
@@ -34,26 +34,35 @@ from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, materialize, renormalize, select
 
 
-class Level(eqx.Module):
-    """One level of rays after intersection and shading.
+class Scattering(eqx.Module):
+    """The part of a ray's colour that does not come from the rays that it sends on.
 
     Args:
-        hits: where they hit.
         surface: what the model keeps until the children's colours are known; None where there is nothing to hit.
-        background: what those see that hit nothing.
-        children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
-        coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
-        subdivided: whose children are not these three but the thirds of their footprint; None as above.
+        coverage: fraction of each ray's footprint that sees the hit; None in point-sampled tracing.
+        subdivided: whose children are not a reflected, a transmitted and a passing ray, but the thirds of their
+            footprint; None as above.
         sees_edge: whose footprint is split or subdivided; None as above.
     """
 
-    hits: Hits
     surface: eqx.Module | None
     background: Float[Array, "3 *#rays"]
-    children: list[tuple[Bool[Array, " rays"], Rays]]
     coverage: Float[Array, " rays"] | None = None
     subdivided: Bool[Array, " rays"] | None = None
     sees_edge: Bool[Array, " rays"] | None = None
+
+
+class Level(eqx.Module):
+    """Rays after intersection and shading.
+
+    Args:
+        si: the surface interactions, where they hit.
+        children: the rays that are sent on (reflected, transmitted, past an edge), with those wanted of each kind.
+    """
+
+    si: Hits
+    scattering: Scattering
+    children: list[tuple[Bool[Array, " rays"], Rays]]
 
 
 @functools.partial(jax.jit, static_argnames="settings")
@@ -66,8 +75,8 @@ def trace_level(
     trace it anew; so JAX keeps its jaxpr, its derivative and its batched form, and makes each of them once.
     """
     if not world.shapes.types:
-        hits = intersect(world.shapes, rays, live, world.unit, settings)
-        return Level(hits, None, MODELS[settings.model].background(world, rays), [])
+        si = intersect(world.shapes, rays, live, world.unit, settings)
+        return Level(si, Scattering(None, MODELS[settings.model].background(world, rays)), [])
     if settings.edges != "aware":
         return trace_points(world, rays, live, settings)
     return trace_areas(world, rays, live, number, settings)
@@ -76,13 +85,14 @@ def trace_level(
 def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings: ResolvedSettings) -> Level:
     """A level of rays that are points of the picture."""
     model = MODELS[settings.model]
-    hits = intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
-    media = model.media(world, hits, dot(rays.d, hits.n) < 0, settings)
-    surface, children = model.shade(hits, rays, world, media, materials_at(world, hits), settings)
-    weights = None
-    if rays.pixel_weight is not None:
-        weights = rays.weight * jax.lax.stop_gradient(jnp.stack(model.child_weights(surface)))
-    return Level(hits, surface, model.background(world, rays), scattered_rays(hits, children, weights, None, settings))
+    si = intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
+    media = model.media(world, si, dot(rays.d, si.n) < 0, settings)
+    surface, children = model.shade(si, rays, world, media, materials_at(world, si), settings)
+    throughput = None
+    if rays.path_throughput is not None:
+        throughput = rays.throughput * jax.lax.stop_gradient(jnp.stack(model.child_weights(surface)))
+    scattering = Scattering(surface, model.background(world, rays))
+    return Level(si, scattering, scattered_rays(si, children, throughput, None, settings))
 
 
 def trace_areas(
@@ -90,80 +100,136 @@ def trace_areas(
 ) -> Level:
     """A level of rays that stand for areas: what each footprint sees first, and how its parts go on."""
     # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
-    bounces_left = settings.bounces - rays.beam.bounce
+    bounces_left = settings.bounces - rays.beam.depth
     has_levels = settings.levels - number > bounces_left
     view = look(world.shapes, rays, live, has_levels, world.unit, settings)
-    surface, kinds, spread = scatter_areas(world, view.rays, view.hits, view.coverage, settings)
+    surface, children, spread = scatter_areas(world, view.rays, view.si, view.coverage, settings)
     subdivided, second = wants_subdivision(rays, spread, has_levels & live, settings)
 
-    kinds = [*kinds, (view.passes, view.past)]
-    kinds = [
+    children = [*children, (view.passes, view.past)]
+    children = [
         (wanted | subdivided, select(subdivided, part, child))
-        for (wanted, child), part in zip(kinds, subdivide(rays, second), strict=True)
+        for (wanted, child), part in zip(children, subdivide(rays, second), strict=True)
     ]
     background = MODELS[settings.model].background(world, view.rays)
-    return Level(view.hits, surface, background, kinds, view.coverage, subdivided, view.passes | subdivided)
+    scattering = Scattering(surface, background, view.coverage, subdivided, view.passes | subdivided)
+    return Level(view.si, scattering, children)
 
 
 def scatter_areas(
-    world: World, rays: Rays, hits: Hits, coverage: Float[Array, " rays"], settings: ResolvedSettings
+    world: World, rays: Rays, si: Hits, coverage: Float[Array, " rays"], settings: ResolvedSettings
 ) -> tuple[eqx.Module, list[tuple[Bool[Array, " rays"], Rays]], Float[Array, "2 rays"]]:
     """Light footprints and send them on from where they hit.
 
     Args:
-        coverage: share of the footprint they came with that this one is.
+        coverage: fraction of the footprint they came with that this one is.
 
     Returns:
         What the model keeps; the reflected and the transmitted rays, as `scattered_rays`; and along both axes of the
-        footprint the squares of their spreads, times their weights.
+        footprint the squares of their spreads, times their throughputs.
     """
     model = MODELS[settings.model]
-    shape = take(world.shapes, hits.shape)
+    shape = take(world.shapes, si.shape)
 
     # How the footprint goes on from the surface, by the index of refraction at its middle.
-    media = model.media(world, hits, dot(rays.d, hits.n) < 0, settings)
+    media = model.media(world, si, dot(rays.d, si.n) < 0, settings)
     eta = jax.lax.stop_gradient(media.eta)
-    p_axes, reflected, transmitted = transport(rays, hits, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0]))
-    nodes = light_nodes(rays, hits, shape, p_axes)
-    material = materials_at(world, hits, p_axes)
-    surface, children = model.shade(hits, rays, world, media, material, settings, nodes)
+    p_axes, reflected, transmitted = transport(rays, si, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0]))
+    nodes = light_nodes(rays, si, shape, p_axes)
+    surface, children = model.shade(si, rays, world, media, materials_at(world, si, p_axes), settings, nodes)
 
     # Which rays are wanted, how much they count, and whose footprint spreads too widely for that.
-    weights = jax.lax.stop_gradient(coverage * jnp.stack(model.child_weights(surface)))
-    wanted = jnp.stack([children.reflect, children.transmit]) & (rays.beam.bounce < settings.bounces)
-    children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
-    weights = jnp.where(wanted, rays.weight * weights, 0)
-    spread = weights[0] * spread_squared(reflected) + weights[1] * spread_squared(transmitted)
-
     beam = rays.beam
+    wanted = jnp.stack([children.reflect, children.transmit]) & (beam.depth < settings.bounces)
+    children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
+    weights = jax.lax.stop_gradient(coverage * jnp.stack(model.child_weights(surface)))
+    throughput = jnp.where(wanted, rays.throughput * weights, 0)
+    spread = throughput[0] * spread_squared(reflected) + throughput[1] * spread_squared(transmitted)
+
     nothing = jnp.full_like(beam.passed, NO_SHAPE)
     footprints = [bounded(Footprint(p_axes, d), world.unit) for d in (reflected, transmitted)]
-    beams = [Beam(footprint, nothing, beam.bounce + 1, beam.subdivisions) for footprint in footprints]
-    return surface, scattered_rays(hits, children, weights, beams, settings), spread
+    beams = [Beam(footprint, nothing, beam.depth + 1, beam.subdivisions) for footprint in footprints]
+    return surface, scattered_rays(si, children, throughput, beams, settings), spread
 
 
 def scattered_rays(
-    hits: Hits,
-    children: Children,
-    weights: Float[Array, "2 rays"] | None,
+    si: Hits,
+    c: Children,
+    throughput: Float[Array, "2 rays"] | None,
     beams: list[Beam] | None,
     settings: ResolvedSettings,
 ) -> list[tuple[Bool[Array, " rays"], Rays]]:
     """The reflected and the transmitted rays of all hits, with those that are wanted and count enough."""
     # A reflected ray stays on the side that it came from, a transmitted one changes sides.
-    p, c, kinds = hits.p, children, []
-    near, far, shape = (
-        (p, p, hits.shape) if c.off is None else (p + c.off, p - c.off, jnp.full_like(hits.shape, NO_SHAPE))
-    )
-    sides = (c.reflect, near, c.reflected, ~c.entering), (c.transmit, far, c.transmitted, c.entering)
-    for kind, (wanted, o, d, inside) in enumerate(sides):
-        weight = None if weights is None else weights[kind]
-        if weight is not None and settings.weight_limit > 0:
-            wanted = wanted & (weight >= settings.weight_limit)
+    wanted = jnp.stack([c.reflect, c.transmit])
+    if throughput is not None and settings.weight_limit > 0:
+        wanted = wanted & (throughput >= settings.weight_limit)
+    p, shape = si.p, si.shape if c.off is None else jnp.full_like(si.shape, NO_SHAPE)
+    near, far = (p, p) if c.off is None else (p + c.off, p - c.off)
+    found = []
+    for k, (o, d, inside) in enumerate(((near, c.reflected, ~c.entering), (far, c.transmitted, c.entering))):
         # Within a ball rounding errors of a direction's length grow fourfold with each reflection, if they are left.
-        d = renormalize(d)
-        kinds.append((wanted, Rays(o, d, hits.path_length, shape, inside, beams[kind] if beams else None, weight)))
-    return kinds
+        beam, own = None if beams is None else beams[k], None if throughput is None else throughput[k]
+        found.append((wanted[k], Rays(o, renormalize(d), si.path_length, shape, inside, beam, own)))
+    return found
+
+
+class RayRecord(eqx.Module):
+    """Traced rays as the way up needs them.
+
+    Args:
+        depth: how often their paths have bounced.
+        children: the places in the queue of the rays that they sent on, kind by kind; one that stays black for none.
+        si: where they hit; None where nobody asks.
+    """
+
+    scattering: Scattering
+    valid: Bool[Array, " rays"]
+    depth: Int[Array, " rays"]
+    children: Int[Array, "kinds rays"]
+    si: Hits | None = None
+
+    @classmethod
+    def of(cls, level: Level, depth: Array, children: Int[Array, "kinds rays"], with_hits: bool = False) -> "RayRecord":
+        """The records of the rays of a level."""
+        valid = level.si.valid
+        found = level.scattering, valid, depth, children, level.si if with_hits else None
+        return cls(*jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], valid.size)), found))
+
+
+class ChildResult(eqx.Module):
+    """Results that rays bring back to those that sent them; the fields mean what they do in `Trace`."""
+
+    color: Float[Array, "3 places"]
+    sees_edge: Bool[Array, " places"] | None
+    bounce_count: Int[Array, " places"] | None
+
+
+def combine(settings: ResolvedSettings, results: ChildResult, rays: RayRecord) -> ChildResult:
+    """The results of rays from their own scattering and the results of all later ones."""
+    own = rays.scattering
+    black = jnp.zeros_like(own.background)
+    brought = [gather(results.color, place) for place in rays.children] or [black, black]
+    color = own.background
+    if own.surface is not None:
+        color = jnp.where(rays.valid, MODELS[settings.model].combine(own.surface, *brought[:2]), color)
+    # What is seen past an edge counts for the rest of the footprint.
+    if own.coverage is not None and own.subdivided is not None:
+        reflected, transmitted, past = brought
+        color = past + own.coverage * (color - past)
+        color = jnp.where(own.subdivided, (reflected + transmitted + past) / 3, color)
+
+    def most(mine: Array, all_: Array) -> Array:
+        """The largest of a ray's own value and its children's."""
+        return functools.reduce(jnp.maximum, [gather(all_, place) for place in rays.children], mine)
+
+    sees_edge, bounces = results.sees_edge, results.bounce_count
+    if sees_edge is not None:
+        assert own.sees_edge is not None
+        sees_edge = most(own.sees_edge, sees_edge)
+    if bounces is not None:
+        bounces = most(jnp.where(rays.valid, rays.depth, 0), bounces)
+    return ChildResult(color, sees_edge, bounces)
 
 
 class Trace(eqx.Module):
@@ -183,51 +249,13 @@ class Trace(eqx.Module):
     bounce_count: Int[Array, " rays"] | None = None
 
 
-class RayRecord(eqx.Module):
-    """A traced ray as the way up needs it.
-
-    Args:
-        surface, background, coverage, subdivided, sees_edge: as `Level` has them.
-        valid: whether it hit something.
-        bounce: how often its path has bounced.
-        children: the places in the queue of the rays that it sent on, kind by kind; one that stays black for none.
-        hits: where it hit; None where nobody asks.
-    """
-
-    surface: eqx.Module | None
-    background: Float[Array, "3 rays"]
-    coverage: Float[Array, " rays"] | None
-    subdivided: Bool[Array, " rays"] | None
-    sees_edge: Bool[Array, " rays"] | None
-    valid: Bool[Array, " rays"]
-    bounce: Int[Array, " rays"]
-    children: Int[Array, "kinds rays"]
-    hits: Hits | None = None
-
-    @classmethod
-    def of(
-        cls, level: Level, bounce: Array, children: Int[Array, "kinds rays"], with_hits: bool = False
-    ) -> "RayRecord":
-        """The records of rays that were intersected and shaded."""
-        hits = level.hits
-        found = (
-            *(level.surface, level.background, level.coverage, level.subdivided, level.sees_edge),
-            *(hits.valid, bounce, children),
-            hits if with_hits else None,
-        )
-        return cls(*jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], hits.valid.size)), found))
-
-
 class Queue(eqx.Module):
     """The rays of a batch.
 
     Args:
-        turn: how many chunks are traced.
         heads: the place of each chunk's first ray, of those that are traced and of the next one.
         tail: the place after the last ray; beyond the queue's size if rays found no place.
-        rays: all of them, as `packed`.
         number: how many rays are before each of them in its path, which also passes edges.
-        traced: of each that is traced.
     """
 
     turn: Int[Array, ""]
@@ -236,32 +264,6 @@ class Queue(eqx.Module):
     rays: tuple
     number: Int[Array, " places"]
     traced: RayRecord
-
-
-def packed(rays: Rays) -> tuple:
-    """Rays as a tree of few arrays: what is continuous about them, and what is discrete in few numbers."""
-    footprint = None if rays.edge_beam is None else rays.beam.footprint
-    return (rays.o, rays.d, rays.path_length, footprint, rays.pixel_weight), pack_bits(rays)
-
-
-def unpacked(queue: tuple) -> Rays:
-    """The rays that `packed` has packed."""
-    (o, d, path_length, footprint, weight), numbers = queue
-    return unpack_rays(o, d, path_length, footprint, weight, numbers)
-
-
-def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> tuple[tuple, Packing]:
-    """The wanted rays of all kinds, as `packed`, kind after kind."""
-    packing = pack(jnp.stack([wanted for wanted, _ in kinds]), capacity)
-    parent = packing.candidate % kinds[0][0].size
-
-    def pick(*values):
-        # What all kinds have in common is gathered by parent, once.
-        if all(value is values[0] for value in values):
-            return gather(values[0], parent)
-        return gather(jnp.concatenate(values, axis=-1), packing.candidate)
-
-    return jax.tree.map(pick, *(packed(rays) for _, rays in kinds)), packing
 
 
 def trace(
@@ -277,7 +279,6 @@ def trace(
 
     Args:
         count: how many of them are to be traced, the first ones; what is said of the others has no meaning.
-        with_hits: whether `first` and `bounce_count` are wanted.
         reversible: whether the loop has a fixed number of turns, as reverse mode wants; else it ends with the rays.
     """
     # A sixteenth at a time stays in a CPU's cache, and wastes little where a generation of rays ends within a chunk.
@@ -291,21 +292,20 @@ def trace(
         return jax.tree.map(lambda x, y: jax.lax.dynamic_update_slice_in_dim(x, y, place, -1), all_, new)
 
     def trace_chunk(head, tail, some: Rays, number) -> tuple[RayRecord, tuple, Array]:
-        """Of one chunk what was traced, the rays that it sends on with their numbers, and how many these are."""
+        """Trace one chunk: its records, the rays that it sends on with their numbers, and how many these are."""
         live = head + jnp.arange(chunk, dtype=jnp.int32) < jnp.minimum(tail, size)
         # Stored at a place of their own: kernels that read from the middle of a queue are several times as slow.
         some, number = materialize((some, number), live)
-        level = trace_level(world, some, live, number, settings)
-        level = materialize(level, live)
+        level = materialize(trace_level(world, some, live, number, settings), live)
         kinds = [(wanted & live & (number < settings.levels), child) for wanted, child in level.children]
-        bounce = number if some.edge_beam is None else some.beam.bounce
+        depth = number if some.edge_beam is None else some.beam.depth
         places, (children, new), total = jnp.zeros((0, chunk), jnp.int32), (packed(some), number), jnp.zeros_like(tail)
         if kinds:
             children, packing = pack_rays(kinds, chunk * len(kinds))
             # A child that finds no place is black, as the place after the last one is.
             places = jnp.minimum(jnp.where(packing.slot < packing.candidate.size, tail + packing.slot, size), size)
             new, total = gather(number, packing.candidate % chunk) + 1, packing.count
-        return RayRecord.of(level, bounce, places, with_hits), (children, new), total
+        return RayRecord.of(level, depth, places, with_hits), (children, new), total
 
     def step(queue: Queue) -> Queue:
         turn, tail = queue.turn, queue.tail
@@ -320,7 +320,7 @@ def trace(
     # Down: the queue holds the camera's rays, and room for all that a last chunk may send on. Each generation of rays
     # may end within a chunk.
     room, turns = size + 3 * chunk, size // chunk + settings.levels + 1
-    waiting = jax.tree.map(lambda x: _padded(x, room), packed(rays))
+    waiting = jax.tree.map(lambda x: jnp.pad(x, [*((0, 0),) * (x.ndim - 1), (0, room - x.shape[-1])]), packed(rays))
     start, number = jnp.zeros((), jnp.int32), jnp.zeros(room, jnp.int32)
     one = jax.eval_shape(trace_chunk, start, start, unpacked(read(waiting, start)), read(number, start))[0]
     nothing = jax.tree.map(lambda x: jnp.zeros((*x.shape[:-1], room), x.dtype), one)
@@ -336,60 +336,19 @@ def trace(
         turn = queue.turn - 1 - turn
         head, end = queue.heads[turn], queue.heads[turn + 1]
         is_own = head + jnp.arange(chunk, dtype=jnp.int32) < end
-        blended = combine_chunk(settings, results, read(queue.traced, head))
+        blended = combine(settings, results, read(queue.traced, head))
         return write(results, select(is_own, blended, read(results, head)), head)
 
-    results = ChildResult.nothing(room, nothing, with_hits)
+    own = nothing.scattering
+    sees_edge = None if own.sees_edge is None else jnp.zeros(room, bool)
+    bounce_count = jnp.zeros(room, jnp.int32) if with_hits else None
+    results = ChildResult(jnp.zeros_like(own.background), sees_edge, bounce_count)
     if reversible:
         results, _ = jax.lax.scan(lambda b, turn: (blend(turn, b), None), results, jnp.arange(turns, dtype=jnp.int32))
     else:
         results = jax.lax.fori_loop(0, queue.turn, blend, results)
-    found, hits = jax.tree.map(lambda x: x[..., : rays.path_length.shape[-1]], (results, queue.traced.hits))
-    return Trace(found.color, queue.tail, found.sees_edge, hits, found.bounce_count)
-
-
-class ChildResult(eqx.Module):
-    """Results that rays bring back to those that sent them; the fields mean what they do in `Trace`."""
-
-    color: Float[Array, "3 places"]
-    sees_edge: Bool[Array, " places"] | None
-    bounce_count: Int[Array, " places"] | None
-
-    @classmethod
-    def nothing(cls, places: int, traced: RayRecord, with_hits: bool) -> "ChildResult":
-        """Nothing in so many places."""
-        sees_edge = None if traced.sees_edge is None else jnp.zeros(places, bool)
-        return cls(jnp.zeros_like(traced.background), sees_edge, jnp.zeros(places, jnp.int32) if with_hits else None)
-
-
-def _padded(x: Array, places: int) -> Array:
-    return jnp.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, places - x.shape[-1])])
-
-
-def combine_chunk(settings: ResolvedSettings, results: ChildResult, own: RayRecord) -> ChildResult:
-    """The results of a chunk's rays, from those of all later ones."""
-    black = jnp.zeros_like(own.background)
-    kinds = [gather(results.color, place) for place in own.children] or [black] * 3
-    blended = own.background
-    if own.surface is not None:
-        combined = MODELS[settings.model].combine(own.surface, kinds[0], kinds[1])
-        blended = jnp.where(own.valid, combined, blended)
-    if own.coverage is not None:
-        blended = kinds[2] + own.coverage * (blended - kinds[2])
-        assert own.subdivided is not None
-        blended = jnp.where(own.subdivided, (kinds[0] + kinds[1] + kinds[2]) / 3, blended)
-
-    def most(mine: Array, all_: Array) -> Array:
-        """The largest of a ray's own value and its children's."""
-        return functools.reduce(jnp.maximum, [gather(all_, place) for place in own.children], mine)
-
-    sees_edge, bounces = results.sees_edge, results.bounce_count
-    if sees_edge is not None:
-        assert own.sees_edge is not None
-        sees_edge = most(own.sees_edge, sees_edge)
-    if bounces is not None:
-        bounces = most(jnp.where(own.valid, own.bounce, 0), bounces)
-    return ChildResult(blended, sees_edge, bounces)
+    found, si = jax.tree.map(lambda x: x[..., : rays.path_length.shape[-1]], (results, queue.traced.si))
+    return Trace(found.color, queue.tail, found.sees_edge, si, found.bounce_count)
 
 
 def trace_channels(

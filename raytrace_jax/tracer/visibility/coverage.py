@@ -36,9 +36,7 @@ class SurfaceAhead(eqx.Module):
     """A surface that each ray meets.
 
     Args:
-        curved: whether that shape has an outline where rays graze it.
         side: sign of the cosine of incidence, as in `shapes.divisor`.
-        approach: how the distance changes over the footprint.
     """
 
     shape: Shapes
@@ -94,33 +92,33 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
     )
     by_function = by_near | by_behind
     value = jnp.where(by_function, sign * surface_value(rays.o + t * rays.d, sphere), behind.t - near.t)
-    share = jnp.where(
+    fraction = jnp.where(
         by_function,
         jnp.minimum(fraction_of_radius(slope, fixed_sphere.radius), other.fraction),
         jnp.minimum(near.approach.fraction, behind.approach.fraction),
     )
     slope = jnp.where(by_function, slope, behind.approach.slope - near.approach.slope)
-    return Edge(exists, value, slope, share)
+    return Edge(exists, value, slope, fraction)
 
 
 def edge_distance(edge: Edge):
-    """Signed distance of the edge from the footprint's centre, its unit normal, and the share of the footprint used.
+    """Signed distance of the edge from the footprint's centre, its unit normal, and the fraction of the footprint used.
 
-    Only the share s of the footprint in which the event function is linear is split. Without damping, a share s of the
-    rays would meet the edge, each with a derivative 1 / s times as large: right in the mean, but few rays would carry
-    all of it. So the derivative is damped by a factor c. An estimate that is c D / s with probability s, else 0, has
-    the mean square error `D^2 (c^2 / s - 2 c + 1)` for a mean D, which is least at c = s.
+    Only the fraction s of the footprint in which the event function is linear is split. Without damping that fraction
+    of the rays would meet the edge, each with a derivative 1 / s times as large: right in the mean, but few rays would
+    carry all of it. So the derivative is damped by a factor c. An estimate that is c D / s with probability s, else 0,
+    has the mean square error `D^2 (c^2 / s - 2 c + 1)` for a mean D, which is least at c = s.
     """
     # To first order a point at x has the value g + slope.x: the edge is a line at the distance g / |slope|. TINY_32
     # guards the root's derivative where the slope is 0.
     steepness = jnp.sqrt(edge.slope[0] ** 2 + edge.slope[1] ** 2 + TINY_32)
     direction = edge.slope / steepness
-    direction, share = jax.lax.stop_gradient((direction, edge.fraction))
-    unit = steepness * share
+    direction, fraction = jax.lax.stop_gradient((direction, edge.fraction))
+    unit = steepness * fraction
     distance = edge.value / unit
     # The value stays as it is; only its derivative is damped.
     fixed = jax.lax.stop_gradient(distance)
-    return fixed + share * (distance - fixed), direction, share, unit
+    return fixed + fraction * (distance - fixed), direction, fraction, unit
 
 
 def most_central(edges: tuple[Edge, ...]):
@@ -153,11 +151,11 @@ class Cut(eqx.Module):
     """A pixel cut in two by an edge: the near part, where the edge's distance is positive, and the far part.
 
     Args:
-        area: share of the near part in the pixel.
+        area: fraction of the near part in the pixel.
         near_shift: position of the near part's centroid along the edge's normal, in pixels from the pixel's centre.
         far_shift: position of the far part's centroid along the edge's normal; negative.
-        near_width: standard deviation of the near part along the normal, as a share of the whole pixel's.
-        far_width: standard deviation of the far part along the normal, as a share of the whole pixel's.
+        near_width: standard deviation of the near part along the normal, as a fraction of the whole pixel's.
+        far_width: standard deviation of the far part along the normal, as a fraction of the whole pixel's.
     """
 
     area: Float[Array, " *rays"]
@@ -193,7 +191,7 @@ def cut_pixel(d: Float[Array, " *rays"], normal: Float[Array, "2 *rays"]) -> Cut
 def half_plane(
     d: Float[Array, " *rays"], a: Float[Array, " *rays"], b: Float[Array, " *rays"]
 ) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"], Float[Array, " *rays"]]:
-    """Area of the part with q > 0, mean of q over it, and its width along the normal as a share of the pixel's."""
+    """Area of the part with q > 0, mean of q over it, and its width along the normal as a fraction of the pixel's."""
     outer, inner = (a + b) / 2, (a - b) / 2
 
     def difference(power, scale):

@@ -28,11 +28,7 @@ NODE = 12**-0.5
 
 
 def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Array, "2 3 *rays"], ...]:
-    """Derivatives of hit point and scattered directions along the footprint's axes (Igehy 1999, by forward mode).
-
-    Args:
-        scatter: maps directions and normals to scattered directions.
-    """
+    """Derivatives of hit point and scattered directions along the footprint's axes (Igehy 1999, by forward mode)."""
     rays, hits, shape = jax.lax.stop_gradient((rays, hits, shape))
 
     def bounce(o, d):
@@ -77,9 +73,9 @@ def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3
     # A footprint that has outgrown a sphere moves along it by no more than its radius.
     # 1e-20 only guards the root: footprints on surfaces are many orders of magnitude longer, in any unit.
     lengths = [jnp.sqrt(jnp.maximum(dot(axis, axis), 1e-20)) for axis in p_axes]
-    shares = [NODE / jnp.maximum(1, length * curvature) for length in lengths]
-    p_moves = [share * axis for share, axis in zip(shares, p_axes, strict=True)]
-    d_moves = [share * axis for share, axis in zip(shares, rays.beam.footprint.d, strict=True)]
+    fractions = [NODE / jnp.maximum(1, length * curvature) for length in lengths]
+    p_moves = [fraction * axis for fraction, axis in zip(fractions, p_axes, strict=True)]
+    d_moves = [fraction * axis for fraction, axis in zip(fractions, rays.beam.footprint.d, strict=True)]
     p, d = moved(*p_moves), moved(*d_moves)
     n = safe_normalize(hits.n[:, None] + curvature * p)
     spread = cosine_spread(*jax.lax.stop_gradient((rays.d, hits.n, d_moves, [curvature * move for move in p_moves])))
@@ -95,7 +91,6 @@ def cosine_spread(
     """The range of the squared cosine of incidence over footprints, to first order, as `Nodes` has it.
 
     Args:
-        d, n: direction and normal at the middle.
         d_moves, n_moves: how both change from there to the nodes, along the two axes.
     """
     changes = [dot(n, d_move) + dot(d, n_move) for d_move, n_move in zip(d_moves, n_moves, strict=True)]
@@ -118,7 +113,6 @@ def wants_subdivision(
 
     Args:
         spread: for both axes the squares of the scattered rays' spreads, each times its ray's weight.
-        settings: more samples ask for more accuracy.
     """
     # The axis along which the linear footprint is worst is cut. The error falls with the square of its length.
     second = spread[1] > spread[0]
@@ -135,7 +129,7 @@ def subdivide(rays: Rays, second: Bool[Array, " *rays"]) -> list[Rays]:
         return jnp.stack([jnp.where(second, axes[0], axes[0] / 3), jnp.where(second, axes[1] / 3, axes[1])])
 
     narrow = Footprint(third(footprint.o), third(footprint.d))
-    part = Beam(narrow, beam.passed, beam.bounce, beam.subdivisions + 1)
+    part = Beam(narrow, beam.passed, beam.depth, beam.subdivisions + 1)
     # The axes span the square from -1/2 to 1/2: the thirds' middles are at -1/3, 0 and 1/3.
     o_axis, d_axis = (jnp.where(second, axes[1], axes[0]) for axes in (footprint.o, footprint.d))
     return [
@@ -146,7 +140,7 @@ def subdivide(rays: Rays, second: Bool[Array, " *rays"]) -> list[Rays]:
             rays.origin_shape,
             rays.inside,
             part,
-            rays.weight / 3,
+            rays.throughput / 3,
         )
         for offset in (-1 / 3, 0, 1 / 3)
     ]

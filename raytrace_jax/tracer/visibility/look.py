@@ -98,31 +98,22 @@ class Nearest(eqx.Module):
 
 
 def find_two_nearest(
-    shapes: Shapes,
-    rays: Rays,
-    live: Bool[Array, " *rays"],
-    may_pass: Bool[Array, " *rays"],
-    unit: Float[Array, ""],
-    settings: ResolvedSettings,
+    shapes: Shapes, rays: Rays, live, may_pass, least: Float[Array, ""], settings: ResolvedSettings
 ) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 
     A ball whose silhouette the centre just misses counts at the first distance at which the footprint may meet it.
-
-    Args:
-        shapes, rays, live, may_pass, unit, settings: as for `look.look`.
     """
-    least = least_distance(unit)
 
     # What one shape says: how far away a footprint meets it; infinity where it does not, or has gone past its edge.
-    def ask(kind: ShapeType, index: Index) -> Nearest:
+    def ask(shape_type: ShapeType, index: Index) -> Nearest:
         shape = one_shape(shapes, index, rays.path_length.shape)
-        found = kind.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
+        found = shape_type.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
         seen = found.seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
         return Nearest.of(jnp.where(seen, found.t, jnp.inf), index, found)
 
     def nearer(found: Nearest, other: Nearest) -> Bool[Array, " *rays"]:
-        # On a tie the first shape of the file wins; in a loop one kind comes after the other.
+        # On a tie the first shape of the file wins; in a loop one type comes after the other.
         return (found.t < other.t) | ((found.t == other.t) & (found.shape < other.shape))
 
     # The two nearest of all shapes so far. Only the first may be seen in part: what is behind an edge is looked at
@@ -152,14 +143,12 @@ class View(eqx.Module):
     """The first view of each ray's footprint.
 
     Args:
-        hits: the nearest surface, at the centroid of the part of the footprint that sees it.
+        si: the nearest surface, at the centroid of the part of the footprint that sees it.
         rays: the rays moved to that centroid, with the part as their footprint.
-        coverage: share of the footprint that sees it, in [0, 1].
-        passes: where the rest of the footprint looks past an edge.
-        past: the rays that do.
+        coverage: fraction of the footprint that sees it, in [0, 1].
     """
 
-    hits: Hits
+    si: Hits
     rays: Rays
     coverage: Float[Array, " *rays"]
     passes: Bool[Array, " *rays"]
@@ -178,11 +167,12 @@ def look(
 
     Args:
         may_pass: which rays have a further level for what is past an edge; without one edges are not split.
-        settings: gives the switch of the second root, and the length of the longest path.
     """
     # The nearest surface that any part of a footprint sees, the one behind it, and the edge between them.
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
-    nearest, second = materialize(find_two_nearest(fixed_shapes, fixed_rays, live, may_pass, unit, settings), live)
+    nearest, second = materialize(
+        find_two_nearest(fixed_shapes, fixed_rays, live, may_pass, least_distance(unit), settings), live
+    )
     found = live & (nearest.shape != NO_SHAPE)
     surface = meet(rays, shapes, nearest, found)
     behind_exists = found & (second.shape != NO_SHAPE)
@@ -197,7 +187,7 @@ def look(
     if settings.has_longest_path:
         edges.append(path_limit(rays, surface.t, surface.approach, settings.longest_path))
     edges.append(eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden))
-    distance, direction, share, step = materialize(most_central(tuple(edges)), live)
+    distance, direction, fraction, step = materialize(most_central(tuple(edges)), live)
     # Where it does not cut, the centre decides alone. The distance 2 is beyond any footprint's reach: all is near.
     cuts = found & (jnp.abs(distance) < WITHIN * reach(direction)) & may_pass
     present = found & (cuts | (distance > 0))
@@ -205,8 +195,8 @@ def look(
     cut = materialize(cut_pixel(distance, direction), live)
 
     # The ray of each part, through the part's centroid: the near one hits, the far one goes past the edge.
-    near = move(rays, direction, share, cut.near_shift, cut.near_width, cuts)
-    far = move(rays, direction, share, cut.far_shift, cut.far_width, cuts)
+    near = move(rays, direction, fraction, cut.near_shift, cut.near_width, cuts)
+    far = move(rays, direction, fraction, cut.far_shift, cut.far_width, cuts)
     near, far = materialize((near, far), live)
 
     # Where the near ray hits.
@@ -222,8 +212,8 @@ def look(
 
     # What goes past ignores this surface and the one passed before, and counts for what is left of the pixel.
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
-    weight = rays.weight * jax.lax.stop_gradient(1 - cut.area)
-    past = eqx.tree_at(lambda r: (r.beam.passed, r.pixel_weight), far, (passed, weight))
+    throughput = rays.throughput * jax.lax.stop_gradient(1 - cut.area)
+    past = eqx.tree_at(lambda r: (r.beam.passed, r.path_throughput), far, (passed, throughput))
     return View(hits, near, jnp.where(cuts, cut.area, 1), cuts, past)
 
 
@@ -239,7 +229,6 @@ def hit_surface(
     """The hit of each ray on the surface that it is known to meet.
 
     Args:
-        t: the distance to it, which gets its derivative here.
         least_cos: the cosine of incidence below which a derivative grows no further.
     """
     shape, side = surface.shape, surface.side
@@ -268,33 +257,30 @@ def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Bool[Array, " *ray
 def own_edges(
     rays: Rays, surface: SurfaceAhead, outside: Bool[Array, " *rays"], settings: ResolvedSettings
 ) -> list[Edge]:
-    """The edges that the surfaces have by themselves, of every kind that is in the scene."""
+    """The edges that the surfaces have by themselves, of every type that is in the scene."""
     found = []
-    for place, kind in present_types(surface.shape):
-        mine = surface.shape.type == place
-        for edge in kind.edges(rays, surface.shape, mine, outside, surface.t, surface.approach, settings):
+    for number, shape_type in present_types(surface.shape):
+        mine = surface.shape.type == number
+        for edge in shape_type.edges(rays, surface.shape, mine, outside, surface.t, surface.approach, settings):
             found.append(eqx.tree_at(lambda e: e.exists, edge, edge.exists & mine))
     return found
 
 
-def move(rays: Rays, direction, share, shift, width, cuts) -> Rays:
+def move(rays: Rays, direction, fraction, shift, width, cuts) -> Rays:
     """Rays at the centroid of one part of their footprint, which becomes their footprint.
 
     Args:
         direction: the edge's unit normal in the footprint's own coordinates.
-        share: how much of the footprint is split.
-        shift: the centroid's position along the normal, as in `Cut`.
-        width: the part's standard deviation along the normal, as in `Cut`.
         cuts: which footprints are cut; the others stay as they are.
     """
-    offset = jnp.where(cuts, direction * share * shift, 0)
+    offset = jnp.where(cuts, direction * fraction * shift, 0)
     footprint = rays.beam.footprint
     o = rays.o + offset[0] * footprint.o[0] + offset[1] * footprint.o[1]
     d = rays.d + offset[0] * footprint.d[0] + offset[1] * footprint.d[1]
     d = safe_normalize(d)
     # The part becomes a parallelogram again, of the part's variance across the edge: with J the footprint and n the
     # edge's normal it is J (1 - loss n n^T).
-    loss = jnp.where(cuts, share * (1 - width), 0)
+    loss = jnp.where(cuts, fraction * (1 - width), 0)
 
     def narrow(axes):
         along = direction[0] * axes[0] + direction[1] * axes[1]
@@ -306,5 +292,5 @@ def move(rays: Rays, direction, share, shift, width, cuts) -> Rays:
 
 def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
     """Distance along moved rays to the shape that is known to be the nearest; not differentiable."""
-    t = by_type(shape, lambda kind: kind.distance(rays, shape, nearest.outside))
+    t = by_type(shape, lambda shape_type: shape_type.distance(rays, shape, nearest.outside))
     return jnp.where(moved, t, nearest.t)
