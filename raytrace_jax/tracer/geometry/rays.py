@@ -7,8 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Num
 
-Scalars, Vectors = Float[Array, " *rays"], Float[Array, "3 *rays"]
-Flags, Integers = Bool[Array, " *rays"], Int[Array, " *rays"]
+Scalars = Float[Array, " *rays"]
+Vectors = Float[Array, "3 *rays"]
+Flags = Bool[Array, " *rays"]
+Integers = Int[Array, " *rays"]
 """A number, a vector, a truth or a whole number for each ray, whatever axes the rays have."""
 
 NO_SHAPE = -1
