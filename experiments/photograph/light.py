@@ -62,7 +62,8 @@ def pictures(truth: dict, board: Path, folder: Path) -> dict[str, np.ndarray]:
             "black": [*camera, shines, lines[first]],
         }
         found = {name: rendered("\n".join(scene), SIZE) for name, scene in scenes.items()}
-        np.savez_compressed(path, **found)
+        with path.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **found)
     return dict(np.load(path))
 
 
@@ -128,7 +129,7 @@ def run(number: int, case: str, folder: Path) -> dict:
         flat = flattened.flatten(image, located)
     if case in ("mask", "all"):
         hides = flat.grid.parts(made["holder"]).max(axis=(0, 3)) > 0.01
-        counts = flat.counts & ~ndimage.binary_dilation(hides, iterations=2)
+        counts = flat.counts & ~np.asarray(ndimage.binary_dilation(hides, iterations=2), bool)
         flat = flat._replace(counts=counts, image=np.where(counts, flat.image, 0.0), through=flat.through & counts)
     scene = room_scene(located, flat)
     options = FitOptions(

@@ -218,9 +218,11 @@ def _material(scene: Scene, block: Block, lost: list[str]) -> Material:
         lost.append(f"{block.name}: glass that is something else as well; it is written as clear glass")
     texture = block.refers_to(scene, "texture")
     colours = {name: numbers[name] for name in ("diffuse", "emission", "absorption")}
-    weights = {name: float(numbers[name]) for name in ("reflectivity", "transmission")}
+    reflectivity, transmission = (float(numbers[name]) for name in ("reflectivity", "transmission"))
     shown = _texture(scene, texture) if texture else None
-    return Material(block.name, **colours, ior=float(ior), **weights, texture=shown)
+    return Material(
+        block.name, **colours, ior=float(ior), reflectivity=reflectivity, transmission=transmission, texture=shown
+    )
 
 
 def _texture(scene: Scene, block: Block) -> Texture:

@@ -283,5 +283,5 @@ class FitState:
     def under_loss(self, what: Literal["residual", "weight", "score"], scale: float | None = None) -> Image:
         """A function of the loss at each residual, at its own scale or at another one; see `Loss`."""
         residual = jnp.asarray(self.residual)
-        scale = jnp.asarray(self.stage.loss_scale if scale is None else scale, residual.dtype)
-        return np.asarray(evaluate(self.stage.loss, what, residual, scale), np.float64)
+        at = jnp.asarray(self.stage.loss_scale if scale is None else scale, residual.dtype)
+        return np.asarray(evaluate(self.stage.loss, what, residual, at), np.float64)

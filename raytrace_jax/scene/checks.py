@@ -41,7 +41,7 @@ def check_values(scene: Scene) -> None:
             wrong = ~np.all(np.isfinite(values), axis=0)
             limit = attribute.limit if attribute.limit in _NEEDED else None
             if limit:
-                wrong |= [not limit.holds(of_block) for of_block in values.T]
+                wrong |= np.array([not limit.holds(of_block) for of_block in values.T], bool)
             if wrong.any():
                 column = int(np.argmax(wrong))
                 name = group.name if row.is_single else group.names[column]

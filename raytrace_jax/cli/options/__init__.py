@@ -8,7 +8,7 @@ import contextlib
 import dataclasses
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import Annotated, TypeVar, dataclass_transform, get_args, get_type_hints
+from typing import Annotated, Any, TypeVar, dataclass_transform, get_args, get_type_hints
 
 import docstring_parser
 from tyro.conf import Positional, Suppress, UseAppendAction, arg
@@ -131,7 +131,7 @@ class Told:
             super().__post_init__()  # pyright: ignore[reportAttributeAccessIssue]
 
 
-ROWS = {"size": (whole_numbers("W H"),), "crop": (whole_numbers("X Y W H"),)}
+ROWS: dict[str, Any] = {"size": (whole_numbers("W H"),), "crop": (whole_numbers("X Y W H"),)}
 
 
 @option_class(**ROWS, aov=(REPEATABLE,))
