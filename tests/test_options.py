@@ -80,7 +80,6 @@ def test_a_parameter_may_be_called_by_any_of_its_names():
     assert (found.priors, found.profiled) == ({"cyan.ior": (1.4, 0.1)}, (1,))
     assert found.problem.unknowns.ties == (("red.ior", "cyan.ior"),)
     np.testing.assert_array_equal(found.problem.prior.precision, [0, 10])
-    assert found.units == ("unit of alpha", "unit of index")
 
 
 def test_a_bias_is_part_of_the_picture_and_goes_with_large_pixels():

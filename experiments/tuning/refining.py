@@ -15,15 +15,15 @@ from raytrace_jax.inverse.refine import refine as solve
 from raytrace_jax.inverse.uncertainty import Uncertainty, quantify_uncertainty
 
 BOX: list[tuple[str, dict[str, Any]]] = [
-    ("sampling:COARSE_SAMPLES", {"3": 3, "4": 4}),
-    ("sampling:DISAGREEMENT", {f"{value:g}": value for value in (5e-5, 2e-4, 1e-3, 1e-2)}),
-    ("sampling:FINE_SAMPLES", {f"{n}": (n,) for n in (8, 16, 64)}),
-    ("solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
+    ("inverse.sampling:COARSE_SAMPLES", {"3": 3, "4": 4}),
+    ("inverse.sampling:DISAGREEMENT", {f"{value:g}": value for value in (5e-5, 2e-4, 1e-3, 1e-2)}),
+    ("inverse.sampling:FINE_SAMPLES", {f"{n}": (n,) for n in (8, 16, 64)}),
+    ("inverse.solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets that are means over each pixel."""
 
 POINT: list[tuple[str, dict[str, Any]]] = [
-    ("solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
+    ("inverse.solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets of one ray a pixel."""
 
@@ -37,7 +37,7 @@ def varied(name: str, bench: Bench, numbers, outcome) -> Iterator[list[str]]:
         yield [name, "usual", "", *outcome()]
         for address, values in numbers:
             for word, value in values.items():
-                with replaced({f"inverse.{address}": value}):
+                with replaced({address: value}):
                     yield [name, f"`{address.split(':')[1]}`", word, *outcome()]
 
 

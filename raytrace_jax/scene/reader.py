@@ -223,7 +223,7 @@ LARGEST_FILE = 64 * 2**20
 def load_scene(
     path: str | os.PathLike[str], *, dtype: DTypeLike | None = None, model: ModelName | None = None
 ) -> Scene:
-    """Read the scene in a `model.txt` file (UTF-8, with or without a byte order mark).
+    """The scene in a `model.txt` file (UTF-8, with or without a byte order mark).
 
     Args:
         path: the file, or where there is none the name of a scene that comes with the package, as `glass_on_board`.
