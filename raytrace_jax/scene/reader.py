@@ -190,7 +190,7 @@ def parse_scene(
     model: ModelName | None = None,
     folder: str | os.PathLike[str] = ".",
 ) -> Scene:
-    """Read a scene from the text of a `model.txt`.
+    """The scene of the text of a `model.txt`.
 
     Args:
         source: the file's name for error messages.

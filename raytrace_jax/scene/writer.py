@@ -101,7 +101,7 @@ def _parts(tokens: list[Token]) -> Iterator[Part]:
 
 
 def format_scene(scene: Scene, *, model: ModelName | None = None, comments: str = "") -> str:
-    """Write a scene as the text of a `model.txt`: settings, camera, background, lights, textures, materials, shapes.
+    """The text of a scene in a `model.txt`: settings, camera, background, lights, textures, materials, shapes.
 
     Attributes equal to their default under the model are left out, but for the index of glass and what has a comment.
     Numbers have the fewest digits for their array's dtype, so `parse_scene` with that dtype and model gives the same
