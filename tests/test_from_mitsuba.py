@@ -181,10 +181,6 @@ def test_a_scene_by_hand_is_read_and_what_is_left_out_is_named(tmp_path):
             VIEW.format('<float name="near_clip" value="3.9"/>', "", "").removesuffix("</scene>"),
             "sensor perspective: near_clip",
         ),
-        (
-            VIEW.format('<float name="far_clip" value="4.9"/>', "", "").removesuffix("</scene>"),
-            "sensor perspective: far_clip",
-        ),
         (HEAD + WEIGHT.format("constant", 0), "emitter constant: sampling_weight"),
         (
             VIEW.format("", '<string name="pixel_format" value="luminance"/>', "").removesuffix("</scene>"),
@@ -230,38 +226,34 @@ def test_what_other_programs_say_in_other_ways_is_read(tmp_path):
     assert [one.split(":")[0] for one in lost] == ["rfilter gaussian"]
 
 
+def glass_ball(size, inside, outside, more=""):
+    indices = f'<float name="int_ior" value="{inside}"/><float name="ext_ior" value="{outside}"/>'
+    body = f'<float name="radius" value="{size}"/><bsdf type="dielectric">{indices}</bsdf>'
+    return f'<shape type="sphere" id="b{size}">{body}{more}</shape>'
+
+
 @pytest.mark.parametrize("how", ["indices", "flip_normals", "a mirror", "flipNormals of version 0.6"])
 def test_a_ball_is_hollow_by_its_indices_or_by_its_normals(how, tmp_path):
     is_old = how.endswith("0.6")
-    inside_of, outside_of, place_of = ("intIOR", "extIOR", "toWorld") if is_old else ("int_ior", "ext_ior", "to_world")
-
-    def ball(size, inside, outside, more=""):
-        indices = f'<float name="{inside_of}" value="{inside}"/><float name="{outside_of}" value="{outside}"/>'
-        body = f'<float name="radius" value="{size}"/><bsdf type="dielectric">{indices}</bsdf>'
-        return f'<shape type="sphere" id="b{size}">{body}{more}</shape>'
-
     flips = {
         "indices": "",
-        "a mirror": f'<transform name="{place_of}"><scale x="-1"/></transform>',
+        "a mirror": '<transform name="to_world"><scale x="-1"/></transform>',
         "flip_normals": '<boolean name="flip_normals" value="true"/>',
         "flipNormals of version 0.6": '<boolean name="flipNormals" value="true"/>',
     }
     medium = '<medium type="homogeneous" name="{}"/>'.format("exterior" if how == "indices" else "interior")
-    inner = ball(1, *((1, 1.5) if how == "indices" else (1.5, 1)), flips[how] + medium)
-    head = HEAD.replace("3.0.0", "0.6.0") if is_old else HEAD
-    (tmp_path / "a.xml").write_text(f"{head}{ball(2, 1.5, 1)}{inner}</scene>")
+    inner = glass_ball(1, *((1, 1.5) if how == "indices" else (1.5, 1)), flips[how] + medium)
+    text = f"{HEAD}{glass_ball(2, 1.5, 1)}{inner}</scene>"
+    if is_old:
+        text = text.replace("3.0.0", "0.6.0").replace("int_ior", "intIOR").replace("ext_ior", "extIOR")
+    (tmp_path / "a.xml").write_text(text)
     scene, lost = import_scene(tmp_path / "a.xml", dtype=np.float64)
     assert scene["b1.ior"] == 1 and scene["b2.ior"] == 1.5
     assert not np.any(scene["b1_material.absorption"]) and [one.split(":")[0] for one in lost] == ["rfilter gaussian"]
 
 
 def test_nested_indices_count_from_vacuum(tmp_path):
-    def ball(size, inside, outside):
-        body = f'<float name="int_ior" value="{inside}"/><float name="ext_ior" value="{outside}"/>'
-        radius, glass = f'<float name="radius" value="{size}"/>', f'<bsdf type="dielectric">{body}</bsdf>'
-        return f'<shape type="sphere" id="b{size}">{radius}{glass}</shape>'
-
-    balls = ball(1, 1.3, 1.5) + ball(3, 1.6, 1.000277) + ball(2, 1.5, 1.6)
+    balls = glass_ball(1, 1.3, 1.5) + glass_ball(3, 1.6, 1.000277) + glass_ball(2, 1.5, 1.6)
     (tmp_path / "a.xml").write_text(f"{HEAD}{balls}</scene>")
     scene, _ = import_scene(tmp_path / "a.xml", dtype=np.float64)
     for size, ior in ((3, 1.6 / 1.000277), (2, 1.5 / 1.000277), (1, 1.3 / 1.000277)):
@@ -277,10 +269,6 @@ def test_nested_indices_count_from_vacuum(tmp_path):
         (
             VIEW.format('<float name="near_clip" value="4.1"/>', "", ""),
             "a.xml: near_clip 4.1 cuts off what the camera sees",
-        ),
-        (
-            VIEW.format('<float name="far_clip" value="4.5"/>', "", ""),
-            "a.xml: far_clip 4.5 cuts off what the camera sees",
         ),
         (
             VIEW.format('<float name="farClip" value="4.5"/>', "", "").replace("3.0.0", "0.6.0").replace("to_w", "toW"),
@@ -300,7 +288,6 @@ def test_nested_indices_count_from_vacuum(tmp_path):
             "</scene>",
             "bsdf dielectric: it has no intIOR. Did you mean 'int_ior'?",
         ),
-        (f'{HEAD}<shape type="sphere"><transform name="toWorld"/></shape></scene>', "Did you mean 'to_world'?"),
         (SENSOR.format('<string name="focal_length" value="wide"/>'), "sensor eye: focal_length is 'wide'"),
         (SENSOR.format('<string name="fov_axis" value="vertical"/><float name="fov" value="4"/>'), "'vertical'"),
         (SENSOR.format('<string name="fov" value="4"/>'), "fov is '4', and a number is wanted"),

@@ -89,7 +89,6 @@ def test_what_is_wanted_is_said(call, answers):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("priors", {"ball.ior": 1.5}),
         ("priors", {"ball.ior": (1.5, "0.1")}),
         ("ties", {"ball.ior": 1}),
         ("uncertain", {"ball.center": (0.1, 0.1)}),

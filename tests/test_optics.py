@@ -76,33 +76,6 @@ def test_light_goes_back_the_way_it_came(seed):
     np.testing.assert_allclose(cos_back[some], np.abs(inner(d, n))[some], atol=1e-11)
 
 
-@given(seed=SEEDS)
-def test_refraction_takes_normals_of_either_orientation(seed):
-    d, n, eta = random_case(seed)
-    for one, other in zip(refract(d, n, eta), refract(d, -n, eta), strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
-@given(eta=st.floats(0.3, 0.99), beyond=st.floats(1e-6, 0.05))
-def test_total_internal_reflection_begins_at_the_critical_angle(eta, beyond):
-    critical = np.arcsin(eta)
-    _, cos_theta_t, total = refract(*at_angle(critical + beyond, eta))
-    assert bool(total[0]) and cos_theta_t[0] == 0
-    _, cos_theta_t, total = refract(*at_angle(critical - beyond, eta))
-    assert not bool(total[0]) and cos_theta_t[0] > 0
-
-
-@given(theta=ANGLES, eta=st.floats(1.0, 3.0))
-def test_no_total_reflection_into_the_denser_medium(theta, eta):
-    assert not refract(*at_angle(theta, eta))[2][0]
-
-
-@given(theta=ANGLES)
-def test_equal_indices_do_not_bend(theta):
-    d, n, eta = at_angle(theta, 1.0)
-    np.testing.assert_allclose(refract(d, n, eta)[0], d, atol=1e-13)
-
-
 @given(cos=st.floats(0, 1), ior=st.floats(0.3, 4))
 def test_schlick_lies_between_its_limits_and_falls_with_the_cosine(cos, ior):
     r0 = ((ior - 1) / (ior + 1)) ** 2

@@ -1,15 +1,13 @@
 """What a fit can be told: one set of options for Python, the command line and batches, and names under any spelling."""
 
-import dataclasses
 import operator
 import subprocess
 import sys
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
-from posing import posed, posed_problem
+from posing import posed
 from scenes import assignment_scene
 
 from raytrace_jax import FitOptions, ParameterError, RenderSettings, fit
@@ -81,16 +79,3 @@ def test_a_parameter_may_be_called_by_any_of_its_names():
     assert found.problem.unknowns.ties == (("red.ior", "cyan.ior"),)
     np.testing.assert_array_equal(found.problem.prior.precision, [0, 10])
     assert found.units == ("unit of alpha", "unit of index")
-
-
-def test_a_bias_is_part_of_the_picture_and_goes_with_large_pixels():
-    random = np.random.default_rng(2)
-    target, bias, image = random.uniform(size=(3, 3, 6, 8))
-    problem = posed_problem(assignment_scene(), target, ["cyan.ior"], SMALL)
-    biased = problem.with_bias(bias)
-    np.testing.assert_allclose(biased.observation.residual(jnp.asarray(image)), image + bias - target)
-    np.testing.assert_array_equal(problem.observation.bias, 0)
-    np.testing.assert_array_equal(biased.observation.target, target)
-    means = np.asarray(bias).reshape(3, 3, 2, 4, 2).mean((2, 4))
-    np.testing.assert_allclose(biased.binned(2).bias, means)
-    assert dataclasses.replace(biased).observation is biased.observation

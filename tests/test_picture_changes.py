@@ -12,7 +12,7 @@ from posing import posed_problem
 from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, picture_derivatives, render, set_parameters
-from raytrace_jax.inverse.changes import SIDE, Pixels, chances, look_at, margin_at, number_changes, parameter_changes
+from raytrace_jax.inverse.changes import SIDE, Pixels, look_at, margin_at, number_changes, parameter_changes
 from raytrace_jax.inverse.fixed import fixed_numbers
 from raytrace_jax.inverse.search import best_films
 
@@ -165,11 +165,3 @@ def test_what_decides_is_looked_at_for_certain():
     looked = look_at(np.ones((40, 40), bool), weight, 300)
     inside = (looked.row // SIDE == 2) & (looked.column // SIDE == 2)
     assert inside.sum() == SIDE**2 and np.all(looked.chance[inside] == 1)
-
-
-@given(st.lists(st.floats(1e-9, 1), min_size=2, max_size=50), st.integers(1, 200))
-def test_chances_are_chances_and_give_what_is_wanted(sizes, most):
-    size, pixels = np.array(sizes), np.full(len(sizes), 4.0)
-    share = chances(size, pixels, most)
-    assert np.all((share >= 0) & (share <= 1))
-    assert share @ pixels <= most * (1 + 1e-9) or np.all(share[share > 0] == 1)

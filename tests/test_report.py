@@ -138,12 +138,6 @@ def test_the_numbers_come_before_what_takes_room(stage, file, absent, tmp_path, 
     assert written < set(FILES) and "result.json" in written and len(written) == len(FILES) - absent
 
 
-def test_a_folder_that_is_a_file_is_refused(tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(RaytraceError, match="is not a folder"):
-        write_report(fake_result(), tmp_path / "file")
-
-
 @pytest.mark.fast_cases(4)
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("shape", [(3, 4, 40), (3, 40, 4), (3, 1, 1)])

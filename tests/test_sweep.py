@@ -140,35 +140,6 @@ def test_mp4_goes_through_ffmpeg(tmp_path, ffmpeg, capsys):
     assert not out.exists() and not list(tmp_path.glob("*part*"))
 
 
-@pytest.mark.parametrize(
-    ("code", "over", "more", "words"),
-    [
-        (2, "vitreous.ior", [], ["NAME=START:STOP:COUNT"]),
-        (2, "vitreous.ior=1:2:2.5", [], ["NAME=START:STOP:COUNT"]),
-        (2, "vitreous.ior=1:2:1", [], ["there are 1 frames", "2 to 10000"]),
-        (2, "vitreous.ior=-1:2:3", [], ["greater than 0"]),
-        (2, "vitreous.center=1:2:3", [], ["is a vector", "vitreous.center.x, vitreous.center.y"]),
-        (2, "vitreous.ior=1:2:3", ["--fps", 60], ["--fps is 60", "1 to 50"]),
-        (2, "vitreous.ior=1:2:3", ["-o", "a.avi"], ["a.avi", ".gif or .mp4", "'.avi'"]),
-        (1, "vitreous.ior=1:2:3", ["-o", "a.mp4"], ["ffmpeg", "name a .gif file"]),
-        (1, "vitreous.ior=1:2:3", ["-o", "folder.gif"], ["it is a folder"]),
-    ],
-)
-def test_what_makes_no_sense_is_refused_before_the_work(
-    code, over, more, words, tmp_path, monkeypatch, replace_work, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PATH", "")
-    (tmp_path / "folder.gif").mkdir()
-    replace_work("sweep", lambda *_: pytest.fail("rendered"))
-    output = [] if "-o" in more else ["-o", "a.gif"]
-    assert run("sweep", VITREOUS, "--over", over, *output, *more) == code
-    captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.startswith("error: ")
-    for word in words:
-        assert word in captured.err
-
-
 def test_ranges_have_both_ends_and_labels_that_differ():
     assert parse_range(" odd=name.ior = 1 : 2 : 3 ") == ("odd=name.ior", [1.0, 1.5, 2.0])
     with pytest.raises(UsageError):

@@ -144,10 +144,6 @@ def both_modes(scene, direction):
 @settings(max_examples=30)
 @given(st.integers(0, 2**31), st.sampled_from(AWKWARD))
 def test_awkward_scenes_have_finite_derivatives_that_agree_in_both_modes(seed, what):
-    assert_finite_and_equal_in_both_modes(seed, what)
-
-
-def assert_finite_and_equal_in_both_modes(seed, what):
     scene = awkward_scene(seed, what, (16, 12))
     leaves, structure = jax.tree.flatten(scene)
     random = np.random.default_rng(seed)
