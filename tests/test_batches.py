@@ -1,4 +1,4 @@
-"""Points in batches: each is found once, however many rays it sends on and however few find room."""
+"""Points in batches: how few of their rays find room, and what is rendered beside them, changes no picture."""
 
 from concurrent.futures import ThreadPoolExecutor
 

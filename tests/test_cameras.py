@@ -8,7 +8,7 @@ from scenes import resolved
 
 from raytrace_jax import parse_scene, picture_derivatives
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.geometry.camera import camera_rays, ray
+from raytrace_jax.tracer.geometry.camera import camera_rays
 
 rays_of = jax.jit(camera_rays, static_argnames="settings")
 WORLD = (
@@ -32,25 +32,6 @@ def test_footprints_are_differences_of_neighbouring_rays():
         behind = rays_of(scene.camera, looks, column - across, row - down).d
         np.testing.assert_allclose(rays.beam.footprint.d[k], (ahead - behind) / (2 * step), atol=1e-9)
         np.testing.assert_array_equal(rays.beam.footprint.o[k], 0)
-
-
-def test_rays_have_derivatives_by_every_number_of_the_camera():
-    camera = parse_scene(perspective("1 2 6", "0.5 0 0", "0.2 1 0.1")).camera
-    u, v = jnp.asarray([0.1, 0.9]), jnp.asarray([0.7, 0.2])
-    random = np.random.default_rng(1)
-    tangent = jax.tree.map(lambda x: jnp.asarray(random.normal(size=x.shape)), camera)
-
-    @jax.jit
-    def moved(step):
-        return jnp.concatenate(ray(jax.tree.map(lambda x, v: x + step * v, camera, tangent), u, v))
-
-    _, forward = jax.jvp(moved, (jnp.zeros(()),), (jnp.ones(()),))
-    step = 1e-6
-    np.testing.assert_allclose(forward, (moved(step) - moved(-step)) / (2 * step), rtol=1e-6, atol=1e-8)
-    weights = jnp.asarray(random.normal(size=forward.shape))
-    gradient = jax.jit(jax.grad(lambda camera: jnp.vdot(weights, jnp.concatenate(ray(camera, u, v)))))(camera)
-    along = sum(float(jnp.vdot(a, b)) for a, b in zip(*map(jax.tree.leaves, (gradient, tangent)), strict=True))
-    np.testing.assert_allclose(along, jnp.vdot(weights, forward), rtol=1e-10)
 
 
 @pytest.mark.slow

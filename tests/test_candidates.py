@@ -35,12 +35,12 @@ ALL_FREE = {0: 0, 1: 1, 2: 2}
 def lab_scene(camera="viewpoint 1 2 5 lookat .5 0 -1 up 0 1 .2 fov 50", ior="1.5", more=""):
     return parse_scene(
         f"""
+        {more}
         camera eye {{ pixeldim 40 30 {camera} }}
         material glass {{ ior {ior} }}
         material board {{ ior 0.8 }}
         rectangle backdrop {{ material board center 0 0 -2 right 6 0 0 up 0 4 0 }}
         sphere ball {{ material glass center .5 .2 -1 radius .5 }}
-        {more}
         """,
         dtype=jnp.float64,
     )

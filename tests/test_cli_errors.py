@@ -5,11 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
+from fake_fit import VITREOUS
 
 from raytrace_jax import write_png
 
-ROOT = Path(__file__).parent.parent
-VITREOUS = ROOT / "data" / "vitreous.txt"
 SMALL = ["--size", "40", "30", "--max-bounces", "2"]
 FIT = ["fit", VITREOUS, "target.png", "-o", "out", "--free", "cyan.ior"]
 SWEEP = ["sweep", VITREOUS, "-o", "a.gif", "--over"]

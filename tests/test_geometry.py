@@ -14,7 +14,6 @@ from raytrace_jax import parse_scene
 from raytrace_jax.tracer.geometry import intersection, shape_types
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take
 from raytrace_jax.tracer.geometry.shape_types import scene_shapes as shapes_of
-from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.levels.integrator import pack_rays, trace_points, unpacked
 from raytrace_jax.tracer.world import prepare_world
 
@@ -202,41 +201,6 @@ def test_the_loop_over_many_shapes_finds_what_straight_line_code_finds(seed):
     np.testing.assert_array_equal(looped[2], np.asarray(shapes.radius)[looped[1]])
     np.testing.assert_array_equal(looped[1], straight[1])
     np.testing.assert_allclose(looped[0], straight[0], atol=1e-12)
-
-
-@settings(max_examples=10)
-@given(seed=SEEDS)
-def test_derivatives_of_the_hit_against_central_differences(seed):
-    shapes, rays = scene_shapes(random_scene(seed)), random_rays(seed)
-
-    def hit(o, d, position, normal, radius):
-        curvature = jnp.where(radius > 0, 1 / jnp.where(radius > 0, radius, 1), 0)
-        changed = Shapes(shapes.types, shapes.type, position, normal, curvature, radius)
-        moved = Rays(o, d, rays.path_length, rays.origin_shape, rays.inside)
-        hits = intersect_compiled(changed, moved, jnp.ones(COUNT, bool), ONE, SETTINGS)
-        return jnp.concatenate([hits.t[None], hits.p, hits.n]), hits
-
-    inputs = rays.o, rays.d, shapes.position, shapes.normal, shapes.radius
-    random = np.random.default_rng(seed)
-    # A sphere keeps its zero normal, a plane its zero radius.
-    tangents = [jnp.where(x != 0, random.normal(size=x.shape), 0) for x in inputs]
-    tangents[1] -= inputs[1] * jnp.sum(tangents[1] * inputs[1], axis=0)  # directions keep their length
-    step = 1e-6
-    ahead, behind = (hit(*(x + s * step * v for x, v in zip(inputs, tangents, strict=True)))[0] for s in (1, -1))
-    value, forward, hits = jax.jvp(hit, inputs, tuple(tangents), has_aux=True)
-
-    # Not at silhouettes, nor where another shape comes nearer within the step.
-    cos = np.abs(np.sum(np.asarray(hits.n * rays.d), 0))
-    smooth = np.asarray(hits.valid) & (cos > 0.1) & (np.abs(np.asarray(ahead - value)).max(0) < 1e-3)
-    smooth &= np.abs(np.asarray(behind - value)).max(0) < 1e-3
-    assert smooth.any()
-    difference = (np.asarray(ahead) - np.asarray(behind)) / (2 * step)
-    np.testing.assert_allclose(np.asarray(forward)[:, smooth], difference[:, smooth], rtol=1e-5, atol=1e-5)
-
-    weights = jnp.asarray(random.normal(size=value.shape) * smooth)
-    gradient = jax.vjp(lambda *x: hit(*x)[0], *inputs)[1](weights)
-    product = sum(float(jnp.vdot(v, g)) for v, g in zip(tangents, gradient, strict=True))
-    np.testing.assert_allclose(product, float(jnp.vdot(weights, forward)), rtol=1e-10)
 
 
 def test_where_nothing_is_hit_normals_and_distances_stay_small():

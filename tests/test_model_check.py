@@ -97,15 +97,6 @@ def student(seed):
     return np.random.default_rng(seed).standard_t(3, size=COLUMNS.shape[1:])
 
 
-def test_what_is_stated_to_be_uncertain_is_no_cause_and_is_an_error():
-    wrong = TRUTH + np.array([0, 0, 0.02])
-    _, _, found = checked(picture(wrong) + white(), uncertain={C: 0.02})
-    assert not found.is_structured
-    moved = 0.02 * assumption(found, C).sensitivity
-    np.testing.assert_allclose(found.stated, np.outer(moved, moved))
-    assert assumption(found, C).uncertainty == 0.02
-
-
 def test_what_a_camera_does_is_named():
     light = np.clip(picture(TRUTH), 0.05, None)
     columns = np.concatenate([COLUMNS[:FREE], (light - picture(TRUTH))[None] / TRUTH[2] + COLUMNS[2:]])

@@ -140,8 +140,6 @@ def test_the_scene_has_the_values_and_the_ties_follow():
     ("free", "ties", "words"),
     [
         ([], {}, "nothing to fit"),
-        (["vitreous.ior", "cyan.ior"], {}, "both give the number"),
-        (["vitreous.ior", "vitreous.ior"], {}, "given twice"),
         (["vitreous.center"], {"central.center": "vitreous.radius"}, "central.center has 3 numbers, .* has 1"),
         (["vitreous.ior"], {"red.ior": "blue.ior"}, "blue.ior: it is not free; free are vitreous.ior"),
         (["vitreous.ior"], {"cyan.ior": "vitreous.ior"}, "both give the number"),

@@ -37,6 +37,13 @@ def test_options_do_not_start_jax():
         ({"target_samples": 4, "edges": "point"}, "target_samples is for edges 'aware'"),
         ({"blur": (2.0, -1.0)}, r"blur is \(2.0, -1.0\)"),
         ({"max_steps": 0}, "max_steps is 0; wanted a whole number, 1 or more"),
+        ({"priors": {"ball.ior": (1.5, "0.1")}}, "priors is .*; wanted "),
+        ({"ties": {"ball.ior": 1}}, "ties is .*; wanted "),
+        ({"uncertain": {"ball.center": (0.1, 0.1)}}, "uncertain is .*; wanted "),
+        ({"sigma": "0.01"}, "sigma is .*; wanted "),
+        ({"blur": 3}, "blur is .*; wanted "),
+        ({"profiles": "ball.ior"}, "profiles is .*; wanted "),
+        ({"target_samples": True}, "target_samples is .*; wanted "),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options, words):

@@ -138,7 +138,7 @@ def test_rays_of_a_tilted_camera_follow_snell_s_law(index):
     middle, size = Sight(np.concatenate([camera, ball]), SIZE).outline
     pixels = middle + size * np.random.default_rng(4).uniform(-0.65, 0.65, (40, 2))
     eye, toward = np.asarray(viewpoint(camera)), np.asarray(directions(camera, SIZE, jnp.asarray(pixels)))
-    wanted = []
+    wanted, down = [], []
     for d in toward:
         b = d @ (eye - center)
         entry = eye + (-b - np.sqrt(b * b - (eye - center) @ (eye - center) + radius**2)) * d
@@ -146,10 +146,13 @@ def test_rays_of_a_tilted_camera_follow_snell_s_law(index):
         leave = entry - 2 * (inner @ (entry - center)) * inner
         outer = refracted(inner, -(leave - center) / radius, index)
         wanted.append((leave - leave[2] / outer[2] * outer)[:2])
+        down.append(-outer[2])
     seen = see_through(camera, jnp.asarray(ball), SIZE, jnp.asarray(pixels))
-    assert np.all(seen.valid)
+    reaches = np.array(down) > 1e-3
+    np.testing.assert_array_equal(seen.valid, reaches)
+    assert reaches.mean() > 0.8 and (reaches.all() or index > 1.5)
     np.testing.assert_allclose(seen.reach, np.linalg.norm(np.cross(toward, eye - center), axis=1) / radius, atol=1e-9)
-    np.testing.assert_allclose(seen.place, wanted, atol=1e-9)
+    np.testing.assert_allclose(seen.place[reaches], np.array(wanted)[reaches], rtol=1e-9, atol=1e-9)
 
 
 STEPS = np.array([1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 0.3, 1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4])
@@ -343,9 +346,7 @@ GOOD += "[0, 1, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 1, 0], [0, 0, 0, 0, 1]]\n"
 @pytest.mark.parametrize(
     "text",
     [
-        "",
         "not toml",
-        "\x00",
         GOOD.replace("fov", "f"),
         GOOD.replace("40", "nan"),
         GOOD.replace("40", "'wide'"),

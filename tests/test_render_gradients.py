@@ -35,9 +35,9 @@ def test_derivatives_equal_central_differences_where_the_picture_is_smooth():
     # Where an edge or a clamp crosses the pixel within the step, or a derivative is steep, the two steps disagree.
     smooth = np.abs(small - large) <= 1e-6 * (0.01 + np.abs(small))
     smooth[..., [0, -1]] = False  # there both walls meet z = 0 exactly: an edge in the pixel itself
+    assert smooth.mean() > 0.85
     for name, derivative, difference, where in zip(found.names, found.values, small, smooth, strict=True):
-        assert where.mean() > 0.85, name
-        assert np.sum(np.abs(difference[where]) > 1e-3) > 50, name  # the parameter matters to many of them
+        assert np.sum(np.abs(difference[where]) > 1e-3) > 20, name  # the parameter matters to many of them
         np.testing.assert_allclose(derivative[where], difference[where], rtol=1e-5, atol=1e-7, err_msg=name)
 
 

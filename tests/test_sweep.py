@@ -6,7 +6,6 @@ import sys
 import numpy as np
 import pytest
 from command_line import run
-from compiles import counted_compiles
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -91,22 +90,6 @@ def test_a_small_frame_has_its_label_below(size, name, strip):
             below = np.asarray(frame)[size[1] :]
             assert below.max() > 200 and np.median(below) == 0
     assert frames[0].tobytes() != frames[1].tobytes()
-
-
-def test_all_frames_are_one_compile(tmp_path, replace_work):
-    seen = []
-
-    def recording(scene, settings):
-        seen.append(len(compiles))
-        return render(scene, settings)
-
-    replace_work("sweep", recording)
-    with counted_compiles() as compiles:
-        options = ["--size", 33, 25, "--max-bounces", 2]
-        assert run("sweep", VITREOUS, "--over", "vitreous.ior=1:2.4:20", "-o", tmp_path / "a.gif", *options) == 0
-        seen.append(len(compiles))
-    # The first frame may compile, whatever ran before in this process; none after it does.
-    assert len(seen) == 21 and len(set(seen[1:])) == 1
 
 
 @pytest.fixture
