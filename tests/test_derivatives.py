@@ -101,31 +101,18 @@ def test_what_cannot_be_done_is_refused():
         finite_differences(scene, ["vitreous.ior"], SETTINGS, samples=65)
 
 
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [
-        ("vitreous.ior", "per unit of index"),
-        ("a.b.radius", "per world unit"),
-        ("red.diffuse.g", "per unit of diffuse"),
-        ("eye.fov", "per degree"),
-        ("eye.center.x", "per pixel"),
-        ("backdrop.center.z", "per world unit"),
-    ],
-)
-def test_units(name, unit):
+def test_units():
     scene = parse_scene(
         """
         camera eye { pixeldim 24 18 viewpoint 0 0 5 lookat 0 0 0 fov 40 }
-        material red { } material r { ior 1.5 }
-        sphere vitreous { material r center 0 0 0 radius 1 }
+        material red { ior 1.5 }
         sphere a.b { material red center 0 0 0 radius 2 }
         rectangle backdrop { material red center 0 0 -2 right 6 0 0 up 0 4 0 }
         """
     )
-    units = (resolve(scene, name).attribute.unit,)
-    values = np.ones((1, 3, 18, 24))
-    figure = draw_gradients(PictureDerivatives(values[0], (name,), values, units))
-    assert f"mean of R, G, B {unit}" in [bar.get_ylabel() for ax in figure.axes for bar in ax.child_axes]
+    units = {"a.b.ior": "unit of index", "a.b.radius": "world unit", "red.diffuse.g": "unit of diffuse"}
+    units |= {"eye.fov": "degree", "eye.center.x": "pixel", "backdrop.center.z": "world unit"}
+    assert {name: resolve(scene, name).attribute.unit for name in units} == units
 
 
 @pytest.mark.fast_cases(2)
