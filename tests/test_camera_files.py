@@ -167,7 +167,6 @@ def test_what_cannot_be_read_is_refused_in_words(what, tmp_path, capfd):
 
 
 def photo(path, size=(48, 32), **exif):
-    """A JPEG with EXIF."""
     spec = oiio.ImageSpec(*size, 3, oiio.UINT8)
     for name, value in exif.items():
         spec.attribute("Orientation" if name == "Orientation" else f"Exif:{name}", value)

@@ -133,7 +133,6 @@ def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
 
 @pytest.fixture
 def keep_at_most(monkeypatch):
-    """Let programs take so many bytes of the disk."""
     return functools.partial(monkeypatch.setattr, "raytrace_jax.util.compilation.MOST_BYTES")
 
 

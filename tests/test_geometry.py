@@ -27,7 +27,6 @@ scene_shapes = jax.jit(shapes_of)
 
 
 def find_nearest(shapes, rays, *more, settings=SETTINGS):
-    """The nearest shape of rays that all count."""
     return intersection.find_nearest(
         shapes, rays, jnp.ones_like(rays.inside), ONE.astype(rays.o.dtype), settings, *more
     )

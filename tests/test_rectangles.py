@@ -72,7 +72,6 @@ NAMES = ("board.center", "board.right.x", "board.up.y")
 
 @pytest.fixture(scope="module")
 def derivatives():
-    """In forward mode."""
     return picture_derivatives(parse_scene(BOARD), NAMES, AWARE)
 
 

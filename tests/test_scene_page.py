@@ -27,7 +27,6 @@ def rows(kind):
 
 
 def row(attribute):
-    """An attribute's line."""
     defaults = {"": attribute.default, **attribute.model_defaults} if attribute.default else {}
     default = ", ".join(written(values) + (f" ({model})" if model else "") for model, values in defaults.items())
     values = attribute.describe().removeprefix(f"{attribute.name} takes ").removeprefix(f"{attribute.name} is ")
@@ -37,7 +36,6 @@ def row(attribute):
 
 
 def written(values):
-    """A default."""
     if isinstance(values, str):
         return values
     return values.words if isinstance(values, DerivedDefault) else " ".join(f"{number:g}" for number in values)

@@ -172,7 +172,6 @@ def test_a_robust_estimate_scatters_as_reported_among_outliers():
         return 1 / (1 + (r / scale) ** 2)
 
     def estimate(noise, rounds=12):
-        """How far the estimate is off."""
         flat, off = noise.reshape(-1), np.zeros(3)
         for _ in range(rounds):
             weighted = ROWS * weight(flat - ROWS @ off)[:, None]
