@@ -74,11 +74,7 @@ BAD_INPUT = [
     (2, ["teach"], ["--output"]),
     (2, ["teach", "-o", "out", "--only", "snel"], ["snel"]),
     (1, ["teach", "-o", "file"], ["file is not a folder"]),
-    (
-        2,
-        ["gallery", VITREOUS, "-o", "out", "--no-second-root"],
-        ["--second-root is what the pictures of"],
-    ),
+    (2, ["gallery", VITREOUS, "-o", "out", "--no-second-root"], ["--second-root is what the pictures"]),
     (2, ["board", "-o", "board.svg"], ["a board's name ends in .pdf or .png, not in '.svg'"]),
     (2, ["board", "-o", "board.png"], ["--screen and --pixels say how large it is"]),
     (2, ["board", "-o", "my board.pdf"], ["'my board_texture.png': the scene's file names this picture"]),

@@ -27,7 +27,7 @@ from raytrace_jax.inverse.suspects import Rows, Suspects, fitted, suspected_chan
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 
 FREE = 2
-A, B, C = linear_names(3)
+C = linear_names(3)[2]
 ROWS = COLUMNS[:FREE].reshape(FREE, -1).T
 
 

@@ -12,7 +12,6 @@ from raytrace_jax import optics
 # Each is one program, not one for each of its operations.
 fresnel_schlick, reflect, refract = map(jax.jit, (optics.fresnel_schlick, optics.reflect, optics.refract))
 SEEDS = st.integers(0, 2**32 - 1)
-ANGLES = st.floats(0.0, 1.57)
 COUNT = 64
 
 
