@@ -155,6 +155,7 @@ TOUCHING = sphere("ball", "0 0 -3", 1), plane("wall", "0 0 1", "0 0 -2")
         *(TOUCHING, TOUCHING[::-1]),
         *([sphere(name, "0 0 -3", 1) for name in names] for names in ("ab", "ba")),
         *([plane(name, "0 1 2", "0 0 -2") for name in names] for names in ("ab", "ba")),
+        [f"rectangle {name} {{ material m center 0 0 -2 right 1 0 0 up 0 1 0 }}" for name in "ab"],
     ],
 )
 def test_of_shapes_at_one_distance_the_first_of_the_file_is_hit(both, most, unroll):

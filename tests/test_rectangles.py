@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_geometry import SETTINGS, find_nearest, random_rays, shoot
+from test_geometry import SETTINGS, random_rays, shoot
 
 from raytrace_jax import RenderSettings, make_renderer, parse_scene, picture_derivatives, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.geometry.shape_types import scene_shapes
 
 HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material m { ambient 4 3 2 } "
 BOARD = HEAD + (
@@ -44,16 +43,6 @@ def test_a_rectangle_is_hit_where_its_plane_is_within_its_sides(seed):
     np.testing.assert_array_equal(hits.valid, expected)
     np.testing.assert_allclose(np.asarray(hits.t)[expected], t[expected], atol=1e-9)
     np.testing.assert_allclose(np.asarray(hits.n).T[expected], np.broadcast_to(normal, (expected.sum(), 3)), atol=1e-12)
-
-
-@pytest.mark.slow
-def test_of_a_loop_over_many_shapes_rectangles_are_found_too(unroll):
-    shapes, rays = scene_shapes(parse_scene(BOARD)), random_rays(3)
-    straight = find_nearest(shapes, rays)
-    unroll(0)
-    looped = find_nearest(shapes, rays)
-    np.testing.assert_array_equal(looped[1], straight[1])
-    np.testing.assert_allclose(looped[0], straight[0], rtol=1e-12)
 
 
 @pytest.mark.slow
