@@ -36,8 +36,10 @@ def test_derivatives_equal_central_differences_where_the_picture_is_smooth():
     smooth = np.abs(small - large) <= 1e-6 * (0.01 + np.abs(small))
     smooth[..., [0, -1]] = False  # there both walls meet z = 0 exactly: an edge in the pixel itself
     assert smooth.mean() > 0.85
+    for name in NAMES:
+        mine = [one.startswith(name) for one in found.names]
+        assert np.sum(np.abs(small[mine][smooth[mine]]) > 1e-3) > 50, name  # it matters to many of them
     for name, derivative, difference, where in zip(found.names, found.values, small, smooth, strict=True):
-        assert np.sum(np.abs(difference[where]) > 1e-3) > 20, name  # the parameter matters to many of them
         np.testing.assert_allclose(derivative[where], difference[where], rtol=1e-5, atol=1e-7, err_msg=name)
 
 
