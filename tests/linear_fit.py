@@ -37,8 +37,6 @@ def image_and_columns(y, scene, unknowns):
 
 
 class LinearModel:
-    """The forward model of linear scenes."""
-
     @staticmethod
     def differentiate(y, scene, pixels, unknowns, settings):
         binning, (height, width) = settings.binning, scene.columns.shape[-2:]

@@ -31,7 +31,6 @@ def random_plane(random, i):
 
 
 def random_ball(random):
-    """A center and a radius."""
     return random.uniform([0, 0, -6], [8, 6, 0]), random.uniform(0.3, 2.2)
 
 

@@ -107,14 +107,6 @@ def test_what_a_file_leaves_out_has_the_models_own_default():
     assert format_scene(again) == format_scene(scene)
 
 
-@pytest.mark.parametrize(
-    "switch", [{"reflectance": "none"}, {"eta": "physical"}, {"total_internal_reflection": False}], ids=str
-)
-def test_what_only_the_classic_model_can_be_told_is_refused(switch):
-    with pytest.raises(ValueError, match=rf"{next(iter(switch))} is .*only in the classic model"):
-        RenderSettings(model="additive", **switch)
-
-
 @pytest.mark.slow
 def test_the_switch_of_the_mirror_ray():
     scene = checkpoints()

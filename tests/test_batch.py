@@ -52,13 +52,11 @@ def batch(tmp_path, capsys):
 
 @pytest.fixture
 def replace_job(monkeypatch):
-    """Let a function run each job."""
     return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.run.run_job")
 
 
 @pytest.fixture
 def replace_fit(monkeypatch):
-    """Let a function do the fits of jobs."""
     return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.run.fit")
 
 

@@ -27,7 +27,6 @@ def plan(tmp_path_factory):
 
 
 def start(plan, name, *more):
-    """A batch in a process of its own."""
     return launch(plan, "raytrace_jax", "batch", str(plan), "-o", str(plan.parent / name), *more)
 
 

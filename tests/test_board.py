@@ -164,44 +164,6 @@ def test_a_large_screen_gets_squares_for_which_there_are_markers(tmp_path, capsy
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
-        (["board.svg"], 2, "a board's name ends in .pdf or .png, not in '.svg'"),
-        (["board.png"], 2, "--screen and --pixels say how large it is"),
-        (
-            ["board.png", "--screen", "27in", "--pixels", "640", "480", "--paper", "a4"],
-            2,
-            "--paper a4 is for a board to",
-        ),
-        (["board.png", "--screen", "27", "--pixels", "640", "480"], 2, "--screen: '27': it has no unit"),
-        (
-            ["board.png", "--screen", "27in", "--pixels", "30", "30"],
-            2,
-            "with 20 pixels a square and a margin, has room",
-        ),
-        (["my board.pdf"], 2, "'my board_texture.png': the scene's file names this picture"),
-        (["board.pdf", "--square", "20cm"], 2, "A4 with a margin has room for 1 x 0 squares"),
-        (
-            ["board.pdf", "--squares", "28", "17"],
-            2,
-            "28 x 17 squares are too many: A4 with a margin has room for 27 x 17",
-        ),
-        (["board.pdf", "--squares", "1", "17"], 2, "1 x 17 squares: a board has at least 2 a side"),
-        (["board.pdf", "--square", "4mm"], 2, "69 x 44 squares have 1518 markers, and DICT_5X5_1000 holds 1000"),
-        (["folder/file/board.pdf"], 1, "is not a folder"),
-    ],
-)
-def test_what_cannot_be_made_is_refused(arguments, code, words, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "folder" / "file").touch()
-    assert run("board", "-o", *arguments) == code
-    error = " ".join(capsys.readouterr().err.split())
-    assert words in error and "Traceback" not in error
-    assert not list(tmp_path.glob("*.*"))
-
-
-@pytest.mark.parametrize(
     ("make", "words"),
     [
         (lambda: Pattern(3, 3, math.nan), "squares of nan mm"),

@@ -31,7 +31,6 @@ def solved(truth, start, noise=0.0):
 
 
 def best(truth, noise=0.0):
-    """Least squares within the bounds."""
     rows, target = COLUMNS.reshape(3, -1).T, (picture(truth) + noise).reshape(-1)
     return lsq_linear(rows, target, (LOWER, UPPER), tol=1e-14).x
 

@@ -32,12 +32,10 @@ def jpeg(pixels, **options):
     return stored.getvalue()
 
 
-def write_tiff(path, pixels, *, bits=None, names=None):
+def write_tiff(path, pixels, *, names=None):
     height, width, channels = pixels.shape
     kind = {"float32": "float", "float16": "half"}.get(str(pixels.dtype), str(pixels.dtype))
     spec = oiio.ImageSpec(width, height, channels, kind)
-    if bits:
-        spec.attribute("oiio:BitsPerSample", bits)
     if names:
         spec.channelnames = names
         spec.alpha_channel = names.index("A") if "A" in names else -1
@@ -85,19 +83,6 @@ def test_a_grey_jpeg_has_three_equal_channels_and_garbage_in_exif_harms_nothing(
     assert found.shape == (3, 32, 48) and np.array_equal(found[0], found[2])
     (tmp_path / "b.jpg").write_bytes(jpeg(SMOOTH, exif=b"Exif\0\0II*\0nonsense" + bytes(range(200))))
     np.testing.assert_allclose(read_picture(tmp_path / "b.jpg")[0], found[0], atol=0.03)
-
-
-@pytest.mark.parametrize("bits", [8, 10, 12, 16])
-def test_a_tiff_of_any_bits_is_read_to_its_last_step(bits, tmp_path):
-    dtype = np.uint8 if bits == 8 else np.uint16
-    largest = 2**bits - 1
-    codes = RANDOM.integers(0, largest + 1, size=(5, 7, 3))
-    whole = np.iinfo(dtype).max
-    write_tiff(tmp_path / "a.tif", np.round(codes * (whole / largest)).astype(dtype), bits=bits)
-    found = read_picture(tmp_path / "a.tif", transfer="srgb")
-    stored = np.round(codes * (whole / largest)).astype(dtype)
-    np.testing.assert_allclose(found, DECODERS["srgb"](np.moveaxis(stored, -1, 0)), atol=3 / whole + 1e-6)
-    assert not states_colours(tmp_path / "a.tif")
 
 
 @pytest.mark.parametrize("dtype", ["half", "float"])
@@ -182,7 +167,6 @@ def test_what_cannot_be_read_is_refused_in_words(what, tmp_path, capfd):
 
 
 def photo(path, size=(48, 32), **exif):
-    """A JPEG with EXIF."""
     spec = oiio.ImageSpec(*size, 3, oiio.UINT8)
     for name, value in exif.items():
         spec.attribute("Orientation" if name == "Orientation" else f"Exif:{name}", value)
@@ -295,6 +279,7 @@ def test_a_tiff_is_read_to_its_last_step_or_refused(
     else:
         wanted = np.broadcast_to(np.moveaxis(srgb_to_linear(codes / (2**bits - 1)), -1, 0), (3, HEIGHT, WIDTH))
         np.testing.assert_allclose(read_picture(path, transfer="srgb"), wanted, atol=3e-5)
+        assert not states_colours(path)
 
 
 @pytest.mark.parametrize(("photometric", "words"), [(8, "its colours are CIE"), (32803, "is a raw file of a camera")])

@@ -18,8 +18,6 @@ from raytrace_jax.inverse.candidates import (
     FAR_INDICES,
     INDICES,
     MOST_TRIED,
-    NEAR,
-    NEAR_DEPTH,
     across_picture,
     groups,
     size,
@@ -34,11 +32,12 @@ SPREAD = (np.arange(FAR) + 0.5) / FAR
 ALL_FREE = {0: 0, 1: 1, 2: 2}
 
 
-def lab_scene(camera="viewpoint 1 2 5 lookat .5 0 -1 up 0 1 .2 fov 50"):
+def lab_scene(camera="viewpoint 1 2 5 lookat .5 0 -1 up 0 1 .2 fov 50", ior="1.5", more=""):
     return parse_scene(
         f"""
+        {more}
         camera eye {{ pixeldim 40 30 {camera} }}
-        material glass {{ ior 1.5 }}
+        material glass {{ ior {ior} }}
         material board {{ ior 0.8 }}
         rectangle backdrop {{ material board center 0 0 -2 right 6 0 0 up 0 4 0 }}
         sphere ball {{ material glass center .5 .2 -1 radius .5 }}
@@ -59,22 +58,6 @@ def seen_from(camera, points):
     origin, corner = origin[:, 0], direction[:, 0]
     right, up = direction[:, 1] - corner, direction[:, 2] - corner
     return np.array([np.linalg.solve(np.stack([right, up, -(p - origin)], 1), -corner)[:2] for p in points])
-
-
-def test_the_assignments_ball_is_tried_as_ever():
-    """Near the start in radii, its depth least; then all over the image plane at its depth."""
-    scene = assignment_scene()
-    ((near, far),) = groups(problem_of(scene, ["vitreous.ior", "vitreous.center"]))
-    assert [choice.places for choice in near] == [(0,), (1,), (2,), (3,)]
-    np.testing.assert_array_equal(near[0].values[:, 0], INDICES)
-    for axis, shifts in enumerate((NEAR, NEAR, NEAR_DEPTH)):
-        np.testing.assert_allclose(near[1 + axis].values[:, 0], [4.3, 2.3, -1][axis] + 2.3 * np.array(shifts))
-    index, place = far
-    np.testing.assert_array_equal(index.values[:, 0], FAR_INDICES)
-    assert place.places == (1, 2) and place.values.shape == (FAR, FAR, 2)
-    reach = (-1 - 6) / -6
-    wanted = np.meshgrid(4 + reach * (8 * SPREAD - 4), 3 + reach * (6 * SPREAD - 3), indexing="ij")
-    np.testing.assert_allclose(np.moveaxis(place.values, -1, 0), wanted, rtol=1e-12)
 
 
 def test_a_camera_that_looks_anywhere_sees_all_places_at_the_balls_depth():
@@ -137,15 +120,7 @@ def test_indices_of_what_does_not_move_are_tried_alone_and_what_is_known_is_not(
 
 def test_indices_of_one_material_are_tried_as_one():
     """One a channel: three numbers do not make a grid of three dimensions."""
-    scene = parse_scene(
-        """
-        settings main { model physical }
-        camera eye { pixeldim 40 30 viewpoint 1 2 5 lookat .5 0 -1 up 0 1 0 fov 50 }
-        material glass { transmission 1 ior 1.61 1.62 1.63 }
-        sphere ball { material glass center .5 .2 -1 radius .5 }
-        """,
-        dtype=jnp.float64,
-    )
+    scene = lab_scene(ior="1.61 1.62 1.63 transmission 1", more="settings main { model physical }")
     ((near, far),) = groups(problem_of(scene, ["glass.ior", "ball.center"]))
     assert near[0].places == far[0].places == (0, 1, 2)
     np.testing.assert_array_equal(near[0].values, np.tile(np.array(INDICES)[:, None], 3))
@@ -153,16 +128,7 @@ def test_indices_of_one_material_are_tried_as_one():
 
 def test_a_scan_has_a_bound():
     """Of two balls every other value of the longest axes is left out, never the first."""
-    scene = parse_scene(
-        """
-        camera eye { pixeldim 40 30 viewpoint 1 2 5 lookat .5 0 -1 up 0 1 0 fov 50 }
-        material glass { ior 1.5 }
-        material dense { ior 1.8 }
-        sphere ball { material glass center .5 .2 -1 radius .5 }
-        sphere other { material dense center -.5 .2 -1 radius .5 }
-        """,
-        dtype=jnp.float64,
-    )
+    scene = lab_scene(more="material dense { ior 1.8 } sphere other { material dense center -.5 .2 -1 radius .5 }")
     found = groups(problem_of(scene, ["glass.ior", "ball.center", "dense.ior", "other.center"]))
     sizes = [size(grid) for grids in found for grid in grids]
     assert len(sizes) == 4 and min(sizes) > 20 and MOST_TRIED / 3 < sum(sizes) <= MOST_TRIED

@@ -2,13 +2,12 @@
 
 import dataclasses
 import json
-from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
 from command_line import run
-from fake_fit import fake_result
+from fake_fit import VITREOUS, fake_result
 from PIL import Image
 
 import raytrace_jax
@@ -31,8 +30,6 @@ from raytrace_jax.tracer.derivatives import finite_differences
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import AOVS, AovName
 
-ROOT = Path(__file__).parent.parent
-VITREOUS = ROOT / "data" / "vitreous.txt"
 SMALL = ["--size", "40", "30", "--max-bounces", "2"]
 SMALL_SETTINGS = ResolvedSettings(size=(40, 30), max_bounces=2, edges="point")
 SHARED = """camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 } material glass { alpha 0.5 ior 1.5 }

@@ -75,7 +75,6 @@ def clock(monkeypatch):
 
 
 def shown(work, **console):
-    """What a progress shows of some work."""
     text = io.StringIO()
     result = fake_result()
     with FitProgress(result.names, Console(file=text, width=200, **console)) as progress:

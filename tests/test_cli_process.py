@@ -95,12 +95,6 @@ def test_the_version_waits_for_nothing():
     assert runs_without(["jax", "numpy", "tyro"], "from raytrace_jax.cli import main; main(['render', '--version'])")
 
 
-def test_every_public_thing_is_explained():
-    for name in raytrace_jax.__all__:
-        if name != "__version__":
-            assert getattr(raytrace_jax, name).__doc__, name
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes end differently")
 def test_help_into_a_closed_pipe_is_no_error():
     command = [sys.executable, "-m", "raytrace_jax", "fit", "--help"]

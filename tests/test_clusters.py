@@ -4,9 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scenes import resolved
+from scenes import numbers, resolved
 from test_geometry import find_nearest, scene_shapes
 
 from raytrace_jax import make_renderer, parse_scene, set_parameters
@@ -18,10 +16,6 @@ HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } light l { loc
 HEAD += (
     "material m { ambient 4 3 2 diffuse 1 2 1 ior 1.5 alpha .3 } plane wall { material m normal 0 0 1 point 0 0 -8 }"
 )
-
-
-def numbers(vector):
-    return " ".join(repr(float(x)) for x in vector)
 
 
 def crowd(seed, dtype=jnp.float64):
@@ -72,28 +66,6 @@ def test_with_bounds_the_same_is_found_as_without(dtype, second_root):
         np.testing.assert_array_equal(index, expected_index)
         np.testing.assert_allclose(t, expected_t, rtol=1e-12 if dtype == jnp.float64 else 1e-5)
         assert np.sum(np.isfinite(t)) > 60 and len(np.unique(index)) > 20
-
-
-@jax.jit
-def bounds_and_hits(shapes, rays):
-    found = clusters.make_clusters(shapes)
-    return find_nearest(shapes, rays), found, [clusters.entries(some, rays) for some in found]
-
-
-@settings(max_examples=15)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_every_shape_is_in_a_cluster_and_what_hits_it_has_entered_the_bound(seed):
-    shapes = scene_shapes(crowd(seed))
-    rays = rays_in(shapes, seed, 64)
-    (t, index), found, entered = bounds_and_hits(shapes, rays)
-    t, index = np.asarray(t), np.asarray(index)
-    assert {some.shape_type for some in found} == {"sphere", "rectangle"}
-    for some, entry in zip(found, entered, strict=True):
-        kinds = np.asarray(shapes.types)
-        np.testing.assert_array_equal(np.unique(some.members), np.flatnonzero(kinds == some.shape_type))
-        for cluster, members in enumerate(np.asarray(some.members).T):
-            mine = np.isin(index, members)
-            assert np.all(np.asarray(entry)[cluster, mine] <= t[mine])
 
 
 @pytest.mark.slow

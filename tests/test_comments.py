@@ -110,11 +110,3 @@ def test_a_canonical_file_says_the_index_of_glass_and_of_nothing_else(name):
     for block in materials:
         is_glass = any(f"{word} " in block for word in ("alpha", "transmission"))
         assert is_glass <= ("ior" in block)
-
-
-def test_the_default_index_is_said_where_light_passes():
-    scene = parse_scene(
-        "camera eye { pixeldim 8 6 worlddim 8 6 viewpoint 4 3 6 } material clear { alpha 0.5 } material wall { }"
-    )
-    assert "material clear {\n    alpha 0.5\n    ior 1\n}" in format_scene(scene)
-    assert "material wall {\n}" in format_scene(scene)

@@ -40,23 +40,6 @@ def test_another_number_is_the_same_program_another_kind_is_not():
     assert compiles.count("jit(scaled)") == 3
 
 
-def test_within_a_transformation_it_is_the_function_itself():
-    function = jit(scaled, static_argnames="power")
-    table = {"one": jnp.asarray(2.0)}
-    slope = jax.grad(lambda x: function(x, table, 3)["sum"])(jnp.asarray(2.0))
-    assert float(slope) == 24
-    several = jax.vmap(lambda x: function(x, table, 2)["sum"])(jnp.arange(3.0))
-    np.testing.assert_array_equal(several, [0, 2, 8])
-
-
-def test_what_is_prepared_is_not_compiled_again():
-    function, x = jit(scaled, static_argnames="power"), jnp.asarray(2.0)
-    function.prepare(x, {"one": x}, power=2)
-    with counted_compiles() as compiles:
-        assert float(function(x, {"one": x}, 2)["sum"]) == 8
-    assert not compiles
-
-
 def test_of_two_threads_one_compiles():
     traced, both = [], threading.Barrier(2)
 
@@ -150,7 +133,6 @@ def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
 
 @pytest.fixture
 def keep_at_most(monkeypatch):
-    """Let programs take so many bytes of the disk."""
     return functools.partial(monkeypatch.setattr, "raytrace_jax.util.compilation.MOST_BYTES")
 
 

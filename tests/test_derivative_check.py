@@ -68,11 +68,20 @@ def differences_of(monkeypatch, picture, **how):
     ), taken
 
 
-def test_steps_are_halved_until_two_agree(monkeypatch):
-    found, taken = differences_of(monkeypatch, lambda step: TRUE + 100 * step * NOISE)
-    np.testing.assert_allclose(taken, [0.006, 0.003, 0.0015])
-    assert found.steps == (0.0015,) and found.spreads[0] == pytest.approx(0.15, rel=0.1)
-    assert relative_error(found.values[0], TRUE) == pytest.approx(found.spreads[0], rel=0.1)
+@pytest.mark.parametrize(
+    ("how", "most", "steps", "spread"),
+    [
+        ({}, 1.0, [0.006, 0.003, 0.0015], 0.15),  # Until two agree.
+        ({"step": 0.02, "samples": 7}, 1.0, [0.02, 0.01], 0.71),  # One that is told, with its half.
+        ({"step": 0.006}, 0.001, [0.006, 0.003, 0.0015, 0.00075], 0.025),  # Limits that make two the same say nothing.
+    ],
+)
+def test_steps_are_halved_until_two_agree(how, most, steps, spread, monkeypatch):
+    found, taken = differences_of(monkeypatch, lambda step: TRUE + 100 * min(step, most) * NOISE, **how)
+    np.testing.assert_allclose(taken, steps)
+    assert found.steps == (steps[-1],) and found.samples == how.get("samples", found.samples)
+    assert found.spreads[0] == pytest.approx(spread, rel=0.1)
+    assert how or relative_error(found.values[0], TRUE) == pytest.approx(found.spreads[0], rel=0.1)
 
 
 def test_steps_are_halved_while_it_helps(monkeypatch):
@@ -83,18 +92,6 @@ def test_steps_are_halved_while_it_helps(monkeypatch):
     found, taken = differences_of(monkeypatch, noisy)
     np.testing.assert_allclose(taken, [0.006, 0.003, 0.0015])
     assert found.steps == (0.003,) and found.spreads[0] > 0.3
-
-
-def test_a_step_that_is_told_is_taken_with_its_half(monkeypatch):
-    found, taken = differences_of(monkeypatch, lambda step: TRUE + 100 * step * NOISE, step=0.02, samples=7)
-    np.testing.assert_allclose(taken, [0.02, 0.01])
-    assert found.samples == 7 and found.spreads[0] > 0.5
-
-
-def test_steps_that_limits_make_the_same_say_nothing(monkeypatch):
-    found, taken = differences_of(monkeypatch, lambda step: TRUE + 100 * min(step, 0.001) * NOISE, step=0.006)
-    np.testing.assert_allclose(taken, [0.006, 0.003, 0.0015, 0.00075])
-    assert found.steps == (0.00075,) and found.spreads[0] > 0.01
 
 
 def test_they_are_finite_differences_of_the_picture():

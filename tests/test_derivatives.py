@@ -1,7 +1,6 @@
 """Derivatives of pictures by named parameters: their values, their check, their sheet."""
 
 import dataclasses
-import functools
 from pathlib import Path
 
 import jax
@@ -34,14 +33,10 @@ DISC = """camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material wh
 light lamp { location 4 3 3 emissivity 1 1 1 } sphere ball { material white center 4 3 -2 radius 2 }"""
 
 
-@functools.cache
-def derivatives():
-    return picture_derivatives(assignment_scene(), GIVEN, SETTINGS)
-
-
 @pytest.mark.slow
 def test_they_are_those_of_the_rendered_picture():
-    found, scene = derivatives(), assignment_scene()
+    scene = assignment_scene()
+    found = picture_derivatives(scene, GIVEN, SETTINGS)
     renderer = make_renderer(scene, SETTINGS)
 
     def image(center):
@@ -55,16 +50,6 @@ def test_they_are_those_of_the_rendered_picture():
     expected = np.moveaxis(np.asarray(jacobian), -1, 0)[..., 1:-1]
     np.testing.assert_allclose(found.values[1:, ..., 1:-1], expected, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(found.image[..., 1:-1], render(scene, SETTINGS).image[..., 1:-1], atol=1e-12)
-
-
-def test_differences_agree_where_the_picture_is_smooth():
-    small, large = (finite_differences(assignment_scene(), GIVEN, SETTINGS, step, 1) for step in (1e-6, 2e-6))
-    smooth = np.abs(small - large) <= 1e-6 * (0.01 + np.abs(small))
-    smooth[..., [0, -1]] = False  # there both walls meet z = 0 exactly: an edge in the pixel itself
-    assert smooth.mean() > 0.85
-    for found, difference, where in zip(derivatives().values, small, smooth, strict=True):
-        assert np.sum(np.abs(difference[where]) > 1e-3) > 20
-        np.testing.assert_allclose(found[where], difference[where], rtol=1e-5, atol=1e-7)
 
 
 @pytest.mark.slow
@@ -116,36 +101,18 @@ def test_what_cannot_be_done_is_refused():
         finite_differences(scene, ["vitreous.ior"], SETTINGS, samples=65)
 
 
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [
-        ("vitreous.ior", "per unit of index"),
-        ("vitreous.center.x", "per world unit"),
-        ("a.b.radius", "per world unit"),
-        ("r.alpha", "per unit of alpha"),
-        ("red.diffuse.g", "per unit of diffuse"),
-        ("eye.fov", "per degree"),
-        ("eye.up.y", "per unit of up"),
-        ("eye.center.x", "per pixel"),
-        ("eye.distortion.k1", "per unit of distortion"),
-        ("backdrop.up.y", "per world unit"),
-        ("backdrop.center.z", "per world unit"),
-    ],
-)
-def test_units(name, unit):
+def test_units():
     scene = parse_scene(
         """
         camera eye { pixeldim 24 18 viewpoint 0 0 5 lookat 0 0 0 fov 40 }
-        material red { } material r { ior 1.5 }
-        sphere vitreous { material r center 0 0 0 radius 1 }
+        material red { ior 1.5 }
         sphere a.b { material red center 0 0 0 radius 2 }
         rectangle backdrop { material red center 0 0 -2 right 6 0 0 up 0 4 0 }
         """
     )
-    units = (resolve(scene, name).attribute.unit,)
-    values = np.ones((1, 3, 18, 24))
-    figure = draw_gradients(PictureDerivatives(values[0], (name,), values, units))
-    assert f"mean of R, G, B {unit}" in [bar.get_ylabel() for ax in figure.axes for bar in ax.child_axes]
+    units = {"a.b.ior": "unit of index", "a.b.radius": "world unit", "red.diffuse.g": "unit of diffuse"}
+    units |= {"eye.fov": "degree", "eye.center.x": "pixel", "backdrop.center.z": "world unit"}
+    assert {name: resolve(scene, name).attribute.unit for name in units} == units
 
 
 @pytest.mark.fast_cases(2)

@@ -66,20 +66,6 @@ def test_rays_hit_the_points_that_opencv_projects_to_their_places(distortion, dt
     np.testing.assert_allclose(np.asarray(larger.d)[:, is_shown], np.asarray(rays.d)[:, is_shown], atol=bound)
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
-@pytest.mark.parametrize("size", [(49, 31), (640, 480), (1, 32767)])
-def test_without_distortion_and_with_the_default_center_nothing_changes(size, dtype):
-    text = f"camera eye {{ pixeldim {size[0]} {size[1]} viewpoint 0 0 0 lookat 0 0 -1 fov 55 }}"
-    eye = parse_scene(text, dtype=dtype).camera
-    u, v = (jnp.asarray(x, dtype) for x in np.random.default_rng(1).uniform(size=(2, 100)))
-
-    def plain(eye, u, v):
-        reach = jnp.tan(jnp.deg2rad(eye.fov) / 2)
-        return jnp.stack([reach * (2 * u - 1), reach * (size[1] / size[0]) * (2 * v - 1), -jnp.ones_like(u)])
-
-    np.testing.assert_array_equal(jax.jit(ray)(eye, u, v)[1], jax.jit(plain)(eye, u, v))
-
-
 def test_the_inverse_is_exact_wherever_there_is_one():
     """Distortions of every kind, up to 99 % of the radius at which they fold over and far beyond the unit of others."""
     random = np.random.default_rng(2)

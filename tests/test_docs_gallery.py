@@ -124,11 +124,6 @@ def test_the_command_writes_each_picture_with_its_derivatives_and_a_sheet(tmp_pa
         assert sheet.width > 1000
 
 
-def test_switches_that_the_pictures_differ_in_are_refused(tmp_path, capsys):
-    assert run("gallery", DATA / "vitreous.txt", "-o", tmp_path, "--no-second-root") == 2
-    assert "--second-root is what the pictures of a gallery differ in" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_the_gallery_of_glass_has_six_scenes_of_its_own(tmp_path, capsys):
     assert run("gallery", "--set", "glass", "-o", str(tmp_path), "--size", "16", "12", "--samples", "1", "--quiet") == 0

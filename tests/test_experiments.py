@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 EXPERIMENTS = ROOT / "experiments"
-DATA, PICTURES = ROOT / "data", ROOT / "tests" / "physical_pictures"
+PICTURES = ROOT / "tests" / "physical_pictures"
 
 SMALL = "--scenes assignment --size 32 24"
 RUNS = {

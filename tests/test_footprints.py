@@ -12,9 +12,9 @@ from scenes import assignment_scene, resolved
 from raytrace_jax import RenderSettings, make_renderer, optics, parse_scene, set_parameters
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.intersection import intersect, least_distance
-from raytrace_jax.tracer.geometry.rays import Footprint, take
+from raytrace_jax.tracer.geometry.rays import take
 from raytrace_jax.tracer.shading.quadrature import mean, positive_fractions
-from raytrace_jax.tracer.visibility.footprints import NODE, bounded, light_nodes, subdivide, transport
+from raytrace_jax.tracer.visibility.footprints import NODE, transport
 from raytrace_jax.tracer.visibility.look import find_two_nearest
 from raytrace_jax.tracer.world import prepare_world
 
@@ -29,21 +29,6 @@ def some_rays():
 
 def some_world():
     return jax.jit(prepare_world, static_argnums=1)(assignment_scene(), AWARE)
-
-
-@pytest.mark.parametrize("second", [False, True])
-def test_thirds_lie_side_by_side_and_make_up_the_footprint(second):
-    rays = some_rays()
-    parts = subdivide(rays, jnp.full(50, second))
-    axis, other = (1, 0) if second else (0, 1)
-    whole = rays.beam.footprint.d
-    for part in parts:
-        np.testing.assert_allclose(3 * part.beam.footprint.d[axis], whole[axis])
-        np.testing.assert_array_equal(part.beam.footprint.d[other], whole[other])
-        np.testing.assert_allclose(jnp.sum(part.d**2, axis=0), 1)
-    np.testing.assert_allclose(parts[2].d - parts[1].d, whole[axis] / 3, atol=2e-4)
-    np.testing.assert_allclose(parts[1].d, rays.d)
-    np.testing.assert_allclose(sum(part.throughput for part in parts), rays.throughput)
 
 
 def test_the_loop_over_many_shapes_finds_the_two_that_straight_line_code_finds(unroll):
@@ -80,34 +65,6 @@ def test_hits_and_directions_move_along_the_footprint_as_the_camera_rays_do():
         for axes, ahead, behind in ((p_axes, ends[0][1], ends[1][1]), (d_axes, ends[0][2], ends[1][2])):
             expected = np.asarray(ahead - behind) / (2 * step)
             np.testing.assert_allclose(axes[k][:, smooth], expected[:, smooth], atol=1e-5 * np.abs(expected).max())
-
-
-def test_light_nodes_lie_around_the_hit_on_the_surface():
-    world, rays = some_world(), some_rays()
-    hits = intersect(world.shapes, rays, jnp.full(50, True), world.unit, AWARE)
-    shape = take(world.shapes, hits.shape)
-    (p_axes,) = transport(rays, hits, shape, lambda d, n: ())
-    nodes = light_nodes(rays, hits, shape, p_axes)
-    assert nodes.p.shape == (3, 4, 50)
-    np.testing.assert_allclose(nodes.p.mean(axis=1), hits.p, atol=1e-12)
-    np.testing.assert_allclose(jnp.sum(nodes.n**2, axis=0)[:, hits.valid], 1)
-    np.testing.assert_allclose(jnp.sum(nodes.d**2, axis=0), 1)
-    squared = np.einsum("krs,krs->rs", nodes.d, nodes.n) ** 2
-    np.testing.assert_allclose(nodes.spread, np.sqrt(12 * squared.var(axis=0)), rtol=0.1, atol=1e-4)
-    assert np.median(nodes.spread) > 0.005
-
-
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
-def test_a_footprint_is_bounded_as_a_whole_and_where_it_means_something_it_stays_as_it_is(dtype):
-    random = np.random.default_rng(0)
-    o, d = random.normal(size=(2, 2, 3, 4)).astype(dtype)
-    usual = bounded(Footprint(jnp.asarray(o), jnp.asarray(d)), jnp.asarray(2.0, dtype))
-    np.testing.assert_array_equal(usual.o, o)
-    np.testing.assert_array_equal(usual.d, d)
-    large = dtype(1e30)
-    found = bounded(Footprint(jnp.asarray(o * large), jnp.asarray(d)), jnp.asarray(2.0, dtype))
-    np.testing.assert_allclose(np.abs(found.o / 2.0).max(axis=1), 1e6, rtol=1e-5)
-    np.testing.assert_allclose(found.o / found.d, o * large / d, rtol=1e-5)
 
 
 TWO_BALLS = """

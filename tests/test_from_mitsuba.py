@@ -99,6 +99,16 @@ VIEW = """<scene version="3.0.0"><sensor type="perspective">{}
 <shape type="sphere"/>{}</scene>"""
 WEIGHT = '<emitter type="{}"><float name="sampling_weight" value="{}"/></emitter>'
 HEAD = '<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/></sensor>'
+MIRROR = '<transform name="to_world"><scale x="-1"/></transform>'
+GLASS = '<shape type="sphere"><bsdf type="dielectric">{}</bsdf></shape>'
+SKY = '<emitter type="constant"><spectrum {} name="radiance"/></emitter>'
+
+
+def whole(text):
+    """A file, of which the head with its camera and the end may be left out."""
+    return text if text.startswith("<scene") else f"{HEAD}{text}</scene>"
+
+
 BY_HAND = """<?xml version="1.0"?>
 <scene version="3.0.0">
   <default name="spp" value="16"/> <default name="size" value="0.5"/>
@@ -160,44 +170,28 @@ def test_a_scene_by_hand_is_read_and_what_is_left_out_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (f'{HEAD}<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator>', "hide_emitters"),
+        ('<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator>', "hide_emitters"),
+        ('<shape type="sphere" id="a"><medium name="exterior" type="homogeneous"/></shape>', "shape a: exterior"),
         (
-            f'{HEAD}<shape type="sphere" id="a"><medium name="exterior" type="homogeneous"/></shape>',
-            "shape a: exterior",
-        ),
-        (
-            f'{HEAD}<shape type="rectangle" id="flag"><bsdf type="twosided"><bsdf type="diffuse"/>'
-            '<bsdf type="diffuse"/></bsdf></shape>',
+            '<shape type="rectangle" id="flag"><bsdf type="twosided"><bsdf type="diffuse"/><bsdf type="diffuse"/>'
+            "</bsdf></shape>",
             "shape flag: the second bsdf, of its back",
         ),
-        (f'{HEAD}<shape type="rectangle" id="pane"><bsdf type="dielectric"/></shape>', "shape pane: flat glass"),
-        (f'{HEAD}<shape type="sphere" id="a"/><emitter type="constant"/>', "a is matt and lit by point lights alone"),
+        ('<shape type="rectangle" id="pane"><bsdf type="dielectric"/></shape>', "shape pane: flat glass"),
+        ('<shape type="sphere" id="a"/><emitter type="constant"/>', "a is matt and lit by point lights alone"),
         (
-            f'{HEAD}<shape type="sphere" id="a"><bsdf type="diffuse"><texture name="reflectance" type="checkerboard"/>'
-            "</bsdf></shape>",
+            '<shape type="sphere" id="a"><bsdf type="diffuse"><texture name="reflectance" type="checkerboard"/></bsdf>'
+            "</shape>",
             "shape a: a texture on a sphere; it has the mean colour",
         ),
-        (
-            VIEW.format('<float name="near_clip" value="3.9"/>', "", "").removesuffix("</scene>"),
-            "sensor perspective: near_clip",
-        ),
-        (
-            VIEW.format('<float name="far_clip" value="4.9"/>', "", "").removesuffix("</scene>"),
-            "sensor perspective: far_clip",
-        ),
-        (HEAD + WEIGHT.format("constant", 0), "emitter constant: sampling_weight"),
-        (
-            VIEW.format("", '<string name="pixel_format" value="luminance"/>', "").removesuffix("</scene>"),
-            "film pixel_format luminance",
-        ),
-        (
-            f'{HEAD}<shape type="sphere"><transform name="to_world"><scale x="-1"/></transform></shape>',
-            "shape sphere: a mirror in to_world",
-        ),
+        (VIEW.format('<float name="near_clip" value="3.9"/>', "", ""), "sensor perspective: near_clip"),
+        (WEIGHT.format("constant", 0), "emitter constant: sampling_weight"),
+        (VIEW.format("", '<string name="pixel_format" value="luminance"/>', ""), "film pixel_format luminance"),
+        (f'<shape type="sphere">{MIRROR}</shape>', "shape sphere: a mirror in to_world"),
     ],
 )
 def test_what_is_otherwise_there_is_named(text, words, tmp_path):
-    (tmp_path / "a.xml").write_text(f"{text}</scene>")
+    (tmp_path / "a.xml").write_text(whole(text))
     scene, lost = import_scene(tmp_path / "a.xml")
     assert any(one.startswith(words) or words in one for one in lost), lost
     assert np.isfinite(render(scene, RenderSettings(size=(8, 6))).image).all()
@@ -230,38 +224,34 @@ def test_what_other_programs_say_in_other_ways_is_read(tmp_path):
     assert [one.split(":")[0] for one in lost] == ["rfilter gaussian"]
 
 
+def glass_ball(size, inside, outside, more=""):
+    indices = f'<float name="int_ior" value="{inside}"/><float name="ext_ior" value="{outside}"/>'
+    body = f'<float name="radius" value="{size}"/><bsdf type="dielectric">{indices}</bsdf>'
+    return f'<shape type="sphere" id="b{size}">{body}{more}</shape>'
+
+
 @pytest.mark.parametrize("how", ["indices", "flip_normals", "a mirror", "flipNormals of version 0.6"])
 def test_a_ball_is_hollow_by_its_indices_or_by_its_normals(how, tmp_path):
     is_old = how.endswith("0.6")
-    inside_of, outside_of, place_of = ("intIOR", "extIOR", "toWorld") if is_old else ("int_ior", "ext_ior", "to_world")
-
-    def ball(size, inside, outside, more=""):
-        indices = f'<float name="{inside_of}" value="{inside}"/><float name="{outside_of}" value="{outside}"/>'
-        body = f'<float name="radius" value="{size}"/><bsdf type="dielectric">{indices}</bsdf>'
-        return f'<shape type="sphere" id="b{size}">{body}{more}</shape>'
-
     flips = {
         "indices": "",
-        "a mirror": f'<transform name="{place_of}"><scale x="-1"/></transform>',
+        "a mirror": MIRROR,
         "flip_normals": '<boolean name="flip_normals" value="true"/>',
         "flipNormals of version 0.6": '<boolean name="flipNormals" value="true"/>',
     }
     medium = '<medium type="homogeneous" name="{}"/>'.format("exterior" if how == "indices" else "interior")
-    inner = ball(1, *((1, 1.5) if how == "indices" else (1.5, 1)), flips[how] + medium)
-    head = HEAD.replace("3.0.0", "0.6.0") if is_old else HEAD
-    (tmp_path / "a.xml").write_text(f"{head}{ball(2, 1.5, 1)}{inner}</scene>")
+    inner = glass_ball(1, *((1, 1.5) if how == "indices" else (1.5, 1)), flips[how] + medium)
+    text = f"{HEAD}{glass_ball(2, 1.5, 1)}{inner}</scene>"
+    if is_old:
+        text = text.replace("3.0.0", "0.6.0").replace("int_ior", "intIOR").replace("ext_ior", "extIOR")
+    (tmp_path / "a.xml").write_text(text)
     scene, lost = import_scene(tmp_path / "a.xml", dtype=np.float64)
     assert scene["b1.ior"] == 1 and scene["b2.ior"] == 1.5
     assert not np.any(scene["b1_material.absorption"]) and [one.split(":")[0] for one in lost] == ["rfilter gaussian"]
 
 
 def test_nested_indices_count_from_vacuum(tmp_path):
-    def ball(size, inside, outside):
-        body = f'<float name="int_ior" value="{inside}"/><float name="ext_ior" value="{outside}"/>'
-        radius, glass = f'<float name="radius" value="{size}"/>', f'<bsdf type="dielectric">{body}</bsdf>'
-        return f'<shape type="sphere" id="b{size}">{radius}{glass}</shape>'
-
-    balls = ball(1, 1.3, 1.5) + ball(3, 1.6, 1.000277) + ball(2, 1.5, 1.6)
+    balls = glass_ball(1, 1.3, 1.5) + glass_ball(3, 1.6, 1.000277) + glass_ball(2, 1.5, 1.6)
     (tmp_path / "a.xml").write_text(f"{HEAD}{balls}</scene>")
     scene, _ = import_scene(tmp_path / "a.xml", dtype=np.float64)
     for size, ior in ((3, 1.6 / 1.000277), (2, 1.5 / 1.000277), (1, 1.3 / 1.000277)):
@@ -273,49 +263,33 @@ def test_nested_indices_count_from_vacuum(tmp_path):
     [
         ("<scene", "a.xml"),
         ('<scene version="3.0.0"/>', "no perspective sensor"),
-        (f'{HEAD}\n<shape type="sphere"><ref id="nothing"/></shape></scene>', "a.xml (line 2, col 2): unresolved ref"),
+        ('\n<shape type="sphere"><ref id="nothing"/></shape>', "a.xml (line 2, col 2): unresolved ref"),
         (
             VIEW.format('<float name="near_clip" value="4.1"/>', "", ""),
             "a.xml: near_clip 4.1 cuts off what the camera sees",
-        ),
-        (
-            VIEW.format('<float name="far_clip" value="4.5"/>', "", ""),
-            "a.xml: far_clip 4.5 cuts off what the camera sees",
         ),
         (
             VIEW.format('<float name="farClip" value="4.5"/>', "", "").replace("3.0.0", "0.6.0").replace("to_w", "toW"),
             "a.xml: far_clip 4.5 cuts off what the camera sees",
         ),
         (VIEW.format("", "", WEIGHT.format("point", 0)), "emitter point: sampling_weight is 0"),
-        (f'{HEAD}<shape type="sphere"><float name="radius" value="-1"/></shape></scene>', "radius"),
-        (f'{HEAD}<emitter type="envmap"/></scene>', "has no filename"),
-        (f'{HEAD}<emitter type="envmap"><string name="filename" value="no.exr"/></emitter></scene>', "no such file"),
+        ('<shape type="sphere"><float name="radius" value="-1"/></shape>', "radius"),
+        ('<emitter type="envmap"/>', "has no filename"),
+        ('<emitter type="envmap"><string name="filename" value="no.exr"/></emitter>', "no such file"),
+        (GLASS.format('<string name="int_ior" value="jelly"/>'), "the index 'jelly'"),
         (
-            f'{HEAD}<shape type="sphere"><bsdf type="dielectric"><string name="int_ior" value="jelly"/></bsdf></shape>'
-            "</scene>",
-            "the index 'jelly'",
-        ),
-        (
-            f'{HEAD}<shape type="sphere"><bsdf type="dielectric"><float name="intIOR" value="2"/></bsdf></shape>'
-            "</scene>",
+            GLASS.format('<float name="intIOR" value="2"/>'),
             "bsdf dielectric: it has no intIOR. Did you mean 'int_ior'?",
         ),
-        (f'{HEAD}<shape type="sphere"><transform name="toWorld"/></shape></scene>', "Did you mean 'to_world'?"),
         (SENSOR.format('<string name="focal_length" value="wide"/>'), "sensor eye: focal_length is 'wide'"),
         (SENSOR.format('<string name="fov_axis" value="vertical"/><float name="fov" value="4"/>'), "'vertical'"),
         (SENSOR.format('<string name="fov" value="4"/>'), "fov is '4', and a number is wanted"),
-        (
-            f'{HEAD}<emitter type="constant"><spectrum type="blackbody" name="radiance"/></emitter></scene>',
-            "radiance is a spectrum of type blackbody",
-        ),
-        (
-            f'{HEAD}<emitter type="constant"><spectrum value="400:1 700:2" name="radiance"/></emitter></scene>',
-            "radiance is a spectrum by wavelengths",
-        ),
+        (SKY.format('type="blackbody"'), "radiance is a spectrum of type blackbody"),
+        (SKY.format('value="400:1 700:2"'), "radiance is a spectrum by wavelengths"),
     ],
 )
 def test_a_file_that_cannot_be_read_is_refused_in_words(text, words, tmp_path, capsys):
-    (tmp_path / "a.xml").write_text(text)
+    (tmp_path / "a.xml").write_text(whole(text))
     with pytest.raises(SceneError, match=re.escape(words)):
         import_scene(tmp_path / "a.xml")
     assert run("import", str(tmp_path / "a.xml"), "-o", str(tmp_path / "a.txt")) == 1

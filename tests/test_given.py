@@ -86,24 +86,6 @@ def test_what_is_wanted_is_said(call, answers):
     assert WRONG[call] in answers[call]
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("priors", {"ball.ior": 1.5}),
-        ("priors", {"ball.ior": (1.5, "0.1")}),
-        ("ties", {"ball.ior": 1}),
-        ("uncertain", {"ball.center": (0.1, 0.1)}),
-        ("sigma", "0.01"),
-        ("blur", 3),
-        ("profiles", "ball.ior"),
-        ("target_samples", True),
-    ],
-)
-def test_options_of_another_type_are_refused(name, value):
-    with pytest.raises(ParameterError, match=rf"{name} is .*; wanted "):
-        FitOptions(**{name: value})
-
-
 def test_numbers_of_numpy_are_numbers():
     options = {"sigma": np.float32(0.1), "blur": np.array([2.0, 1.0]), "max_steps": np.int64(3)}
     FitOptions(

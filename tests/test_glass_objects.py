@@ -127,22 +127,12 @@ def test_a_slab_shifts_what_is_behind_it_by_snell_s_law():
     thickness, angle = 0.8 / np.hypot(0.3, 1.0), np.arctan(0.3)
     inner = np.arcsin(np.sin(angle) / 1.5)
     expected = thickness * np.sin(angle - inner) / np.cos(inner)
-    straight = {"pixeldim": (1, 1), "viewpoint": (0.0, 0.0, 5.0), "lookat": (0.0, 0.0, 0.0), "fov": 1e-3}
     ramp = {"kind": "image", "file": np.broadcast_to(np.linspace(0, 1, 801), (3, 2, 801)).astype(np.float64)}
 
     def seen(*shapes):
-        made = build.make_scene(
-            build.camera("eye", **straight),
-            build.texture("ramp", **ramp),
-            build.material("board", emission=(1.0, 1.0, 1.0), texture="ramp"),
-            build.material("glass", transmission=1.0, ior=1.5),
-            build.material("air", transmission=1.0, ior=1.0),
-            build.rectangle("back", material="board", center=(0.0, 0.0, -3.0), right=(4.0, 0, 0), up=(0, 4.0, 0.0)),
-            *shapes,
-            model="physical",
-            dtype=np.float64,
-        )
-        return float(np.asarray(render(made, RenderSettings(model="physical", max_bounces=2)).image)[0, 0, 0])
+        made = scene((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), *shapes, texture=ramp)
+        made = set_parameters(made, {"eye.fov": 1e-3, "sky.radiance": (0.0, 0.0, 0.0)})
+        return float(render(made, RenderSettings(size=(1, 1), max_bounces=2)).image[0, 0, 0])
 
     reflectance = 0.5 * (
         (np.sin(angle - inner) / np.sin(angle + inner)) ** 2 + (np.tan(angle - inner) / np.tan(angle + inner)) ** 2

@@ -37,13 +37,6 @@ def test_half_the_square_is_the_loss_and_the_sign_stays(name, ratio, scale):
     assert np.sign(found) == np.sign(float(r))
 
 
-@given(names, ratios, scales)
-def test_the_score_is_the_derivative_of_half_the_square(name, ratio, scale):
-    loss, r, s = at(name, ratio, scale)
-    slope = jax.grad(lambda r: loss.residual(r, s) ** 2 / 2)(r)
-    assert float(loss.score(r, s)) == pytest.approx(float(slope), rel=1e-7)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_score_and_curvature_are_the_differences_of_the_definition(name):
     """No automatic derivative is trusted here, nor any formula but the definition."""

@@ -12,23 +12,8 @@ from hypothesis import assume, example, given, settings
 from scenes import assert_same_scene
 
 from raytrace_jax import ModelFileError, ModelFileWarning, Scene, format_scene, load_scene, parse_scene
+from raytrace_jax.scene import scene as structs
 from raytrace_jax.scene.response import FILM_EFFECTS
-from raytrace_jax.scene.scene import (
-    AbbeMaterials,
-    Background,
-    CameraResponse,
-    ChannelMaterials,
-    Checkers,
-    FileSettings,
-    ImagePlaneCamera,
-    Images,
-    Materials,
-    PerspectiveCamera,
-    Planes,
-    PointLights,
-    Rectangles,
-    Spheres,
-)
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.scene.table import ATTRIBUTE_NAMES, BLOCK_TYPES, SHAPE_KEYWORDS
 from raytrace_jax.util.digits import format_number
@@ -86,10 +71,10 @@ def scene_builders(draw, dtype, model):
 
     eye = (draw(name), (draw(st.integers(1, 32768)), 1))
     if draw(st.booleans()):
-        kind, numbers = ImagePlaneCamera, (array(positive, 2), array(any_float, 3), array(any_float, 2))
+        kind, numbers = structs.ImagePlaneCamera, (array(positive, 2), array(any_float, 3), array(any_float, 2))
     else:
         views = [array(any_float, 3) for _ in range(3)]
-        (perspective,) = (row for row in BLOCK_TYPES["camera"] if row.struct is PerspectiveCamera)
+        (perspective,) = (row for row in BLOCK_TYPES["camera"] if row.struct is structs.PerspectiveCamera)
         between = st.floats(width=width, min_value=0, max_value=180, exclude_min=True, exclude_max=True)
         numbers = (*views, array(between), array(any_float, 2), array(any_float, 2))
         names_of = [attribute.name for attribute in perspective.attributes]
@@ -101,7 +86,7 @@ def scene_builders(draw, dtype, model):
         distortion = numbers[5]
         if perspective.complaint(values):
             distortion = jnp.abs(distortion)
-        kind, numbers = PerspectiveCamera, (*views, *numbers[3:5], distortion)
+        kind, numbers = structs.PerspectiveCamera, (*views, *numbers[3:5], distortion)
     light_names = names(3)
     lights = (light_names, points(len(light_names)), points(len(light_names)), array(zero_up, len(light_names)))
     checker_names = names(2)
@@ -111,7 +96,7 @@ def scene_builders(draw, dtype, model):
     background = (draw(name), array(any_float, 3), NO_BLOCK) if draw(st.booleans()) else None
     film = draw(name) if draw(st.booleans()) else None
     kept = {"vignetting": share, "blur": zero_up, "gain": positive, "offset": any_float, "gamma": positive}
-    film = film and CameraResponse(film, *(array(kept[e.name], *e.attribute.shape) for e in FILM_EFFECTS))
+    film = film and structs.CameraResponse(film, *(array(kept[e.name], *e.attribute.shape) for e in FILM_EFFECTS))
     material_names = names(4)
     count = len(material_names)
     kinds = sorted(draw(st.integers(0, 2)) for _ in material_names)
@@ -159,19 +144,19 @@ def scene_builders(draw, dtype, model):
     rectangles = (rectangle_names, rectangle_materials, points(len(axes)), right, up)
     return lambda: Scene(
         model=model,
-        settings=settings and FileSettings(*settings),
+        settings=settings and structs.FileSettings(*settings),
         camera=kind(*eye, *numbers),
         film=film,
-        background=background and Background(*background),
-        lights=PointLights(*lights),
-        checkers=Checkers(*checks),
-        images=Images((), (), (), (), (), ()),
-        materials=Materials(**material_rows[0]),
-        abbe_materials=AbbeMaterials(**material_rows[1]),
-        channel_materials=ChannelMaterials(**material_rows[2]),
-        planes=Planes(*planes),
-        spheres=Spheres(*spheres),
-        rectangles=Rectangles(*rectangles),
+        background=background and structs.Background(*background),
+        lights=structs.PointLights(*lights),
+        checkers=structs.Checkers(*checks),
+        images=structs.Images((), (), (), (), (), ()),
+        materials=structs.Materials(**material_rows[0]),
+        abbe_materials=structs.AbbeMaterials(**material_rows[1]),
+        channel_materials=structs.ChannelMaterials(**material_rows[2]),
+        planes=structs.Planes(*planes),
+        spheres=structs.Spheres(*spheres),
+        rectangles=structs.Rectangles(*rectangles),
         shape_order=shape_order,
     )
 

@@ -62,15 +62,6 @@ def test_a_step_to_a_broken_place_is_refused_and_a_shorter_one_taken(how):
     assert state.linearization.cost < steps[0][0] or not accepted
 
 
-@pytest.mark.parametrize("how", BROKEN)
-def test_beyond_a_wall_of_broken_places_the_solver_stays_before_it(how):
-    problem = problem_from([-2.0, 2.0])
-    state, steps = solved(problem, lambda y: y[0] > 0, how)
-    assert state.y[0] <= 0 and state.linearization.is_finite
-    assert any(not is_accepted for _, is_accepted, _ in steps)
-    assert state.linearization.cost < 0.5 * steps[0][0]
-
-
 def test_what_is_not_finite_explains_nothing():
     problem = problem_from(TRUTH)
     state = state_at(problem)

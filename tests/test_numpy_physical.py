@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pictured_scenes
 import pytest
-from numpy_physical import channel_iors, look, picture, split
+from numpy_physical import channel_iors, look, picture
 from physical_scenes import Camera, Material, Plane, Rectangle, Scene, Sphere
 
 from raytrace_jax import read_picture
@@ -43,39 +43,6 @@ def test_is_what_mitsuba_renders(name):
 
 
 BLOCKS = {"sky": 1e-3, "nested": 3e-3, "absorption": 2e-3}
-
-
-def test_a_white_furnace_is_white():
-    """Glass neither makes nor takes light: what is missing is what is still under way after the last bounce."""
-    balls = [
-        Sphere(glass(1.5), (0, 0, 0), 1),
-        Sphere(glass(1.0), (0.2, 0.1, 0.1), 0.4),
-        Sphere(glass(1.8), (1, 0, 0), 0.5),
-    ]
-    few, many = (picture(Scene(EYE, balls, radiance=(1, 1, 1), max_bounces=n)) for n in (4, 16))
-    assert many.max() < 1 + 1e-12
-    assert (1 - many).max() < 0.05 < (1 - few).max()
-    assert np.median(1 - many) < 1e-6
-
-
-def test_reflectance_is_the_same_from_both_sides():
-    eta = np.linspace(0.5, 0.99, 20)  # into the denser medium, so that no ray is reflected totally
-    d, n = np.tile([np.sin(0.9), -np.cos(0.9), 0.0], (20, 1)), np.tile([0.0, 1.0, 0.0], (20, 1))
-    _, refracted, r = split(d, n, eta)
-    _, back, r_back = split(-refracted, -n, 1 / eta)
-    np.testing.assert_allclose(r_back, r, rtol=1e-10)
-    np.testing.assert_allclose(back, -d, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(refracted, axis=1), 1, rtol=1e-12)
-
-
-def test_reflectance_at_normal_incidence_and_at_brewsters_angle():
-    n = np.array([[0.0, 0.0, 1.0]])
-    assert split(-n, n, np.array([1 / 1.5]))[2] == pytest.approx(0.04)
-    brewster = np.arctan(1.5)
-    d = np.array([[np.sin(brewster), 0, -np.cos(brewster)]])
-    # Only the perpendicular half of the light is reflected: cos^2 of twice the angle.
-    assert split(d, n, np.array([1 / 1.5]))[2] == pytest.approx(np.cos(2 * brewster) ** 2 / 2)
-    assert split(d, n, np.array([1.5]))[2] == 1
 
 
 def test_a_straight_chord_is_absorbed_by_beer_and_lambert():

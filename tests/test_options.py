@@ -1,15 +1,13 @@
 """What a fit can be told: one set of options for Python, the command line and batches, and names under any spelling."""
 
-import dataclasses
 import operator
 import subprocess
 import sys
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
-from posing import posed, posed_problem
+from posing import posed
 from scenes import assignment_scene
 
 from raytrace_jax import FitOptions, ParameterError, RenderSettings, fit
@@ -39,6 +37,13 @@ def test_options_do_not_start_jax():
         ({"target_samples": 4, "edges": "point"}, "target_samples is for edges 'aware'"),
         ({"blur": (2.0, -1.0)}, r"blur is \(2.0, -1.0\)"),
         ({"max_steps": 0}, "max_steps is 0; wanted a whole number, 1 or more"),
+        ({"priors": {"ball.ior": (1.5, "0.1")}}, "priors is .*; wanted "),
+        ({"ties": {"ball.ior": 1}}, "ties is .*; wanted "),
+        ({"uncertain": {"ball.center": (0.1, 0.1)}}, "uncertain is .*; wanted "),
+        ({"sigma": "0.01"}, "sigma is .*; wanted "),
+        ({"blur": 3}, "blur is .*; wanted "),
+        ({"profiles": "ball.ior"}, "profiles is .*; wanted "),
+        ({"target_samples": True}, "target_samples is .*; wanted "),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options, words):
@@ -80,16 +85,3 @@ def test_a_parameter_may_be_called_by_any_of_its_names():
     assert (found.priors, found.profiled) == ({"cyan.ior": (1.4, 0.1)}, (1,))
     assert found.problem.unknowns.ties == (("red.ior", "cyan.ior"),)
     np.testing.assert_array_equal(found.problem.prior.precision, [0, 10])
-
-
-def test_a_bias_is_part_of_the_picture_and_goes_with_large_pixels():
-    random = np.random.default_rng(2)
-    target, bias, image = random.uniform(size=(3, 3, 6, 8))
-    problem = posed_problem(assignment_scene(), target, ["cyan.ior"], SMALL)
-    biased = problem.with_bias(bias)
-    np.testing.assert_allclose(biased.observation.residual(jnp.asarray(image)), image + bias - target)
-    np.testing.assert_array_equal(problem.observation.bias, 0)
-    np.testing.assert_array_equal(biased.observation.target, target)
-    means = np.asarray(bias).reshape(3, 3, 2, 4, 2).mean((2, 4))
-    np.testing.assert_allclose(biased.binned(2).bias, means)
-    assert dataclasses.replace(biased).observation is biased.observation

@@ -7,7 +7,7 @@ from PIL import Image
 from test_hdr import FLAT, HEAD, PIXEL_RUNS, coded, colours, hdr_bytes, pixels_with_runs
 from test_png import png_bytes
 
-from raytrace_jax import PictureError, read_picture
+from raytrace_jax import read_picture
 
 PIXELS = pixels_with_runs(4, 9)
 
@@ -20,37 +20,28 @@ def by_library(path):
     return None if stored is None else np.moveaxis(np.asarray(stored), -1, 0)
 
 
-@pytest.mark.parametrize(
-    ("content", "wanted"),
-    [
-        (hdr_bytes(PIXELS, PIXEL_RUNS), PIXELS),
-        (HEAD + b"\n-Y 4 +X 9\n" + b"".join(map(coded, PIXELS, (PIXEL_RUNS, FLAT, FLAT, FLAT))), PIXELS),
-        (hdr_bytes(PIXELS[:, ::-1], size="-Y 4 -X 9"), PIXELS),
-        (hdr_bytes(PIXELS[::-1], size="+Y 4 +X 9"), PIXELS),
-    ],
-    ids=["old runs", "several codings", "from the right", "from the bottom"],
-)
-def test_radiance_files_of_all_codings_and_orientations(content, wanted, tmp_path):
+OLD_RUNS = hdr_bytes(PIXELS, PIXEL_RUNS)
+SEVERAL_CODINGS = HEAD + b"\n-Y 4 +X 9\n" + b"".join(map(coded, PIXELS, (PIXEL_RUNS, FLAT, FLAT, FLAT)))
+FROM_THE_RIGHT = hdr_bytes(PIXELS[:, ::-1], size="-Y 4 -X 9")
+FROM_THE_BOTTOM = hdr_bytes(PIXELS[::-1], size="+Y 4 +X 9")
+
+
+@pytest.mark.parametrize("content", [OLD_RUNS, SEVERAL_CODINGS, FROM_THE_RIGHT, FROM_THE_BOTTOM])
+def test_radiance_files_of_all_codings_and_orientations(content, tmp_path):
     (tmp_path / "a.hdr").write_bytes(content)
-    np.testing.assert_array_equal(read_picture(tmp_path / "a.hdr"), colours(wanted))
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.hdr"), colours(PIXELS))
     other = by_library(tmp_path / "a.hdr")
-    assert other is None or not np.array_equal(other, colours(wanted))
+    assert other is None or not np.array_equal(other, colours(PIXELS))
 
 
 @pytest.mark.parametrize("content", [b"P3\n1 1 9\n1 2 10\n", b"P3\n1 1 9\n1 -2 3\n", b"P3\n1 1 255\n1 2 3 4\n"])
 def test_ppms_that_are_wrong(content, tmp_path):
+    """That they are refused here `test_ppm` has."""
     (tmp_path / "a.ppm").write_bytes(content)
-    with pytest.raises(PictureError):
-        read_picture(tmp_path / "a.ppm")
     assert by_library(tmp_path / "a.ppm") is not None
 
 
-def test_rows_of_a_png_that_are_missing(tmp_path):
-    rows = [(0, bytes([9, 8, 7, 6]))] * 2
-    (tmp_path / "a.png").write_bytes(png_bytes(4, 5, 8, 0, rows))
-    with pytest.raises(PictureError, match="some of its pixels are missing"):
-        read_picture(tmp_path / "a.png")
-    # Of 16 bits a channel Pillow keeps the upper 8.
+def test_of_16_bits_a_channel_pillow_keeps_the_upper_8(tmp_path):
     (tmp_path / "b.png").write_bytes(png_bytes(1, 1, 16, 2, [(0, bytes(range(1, 7)))]))
     with Image.open(tmp_path / "b.png") as image:
         assert np.asarray(image).dtype == np.uint8

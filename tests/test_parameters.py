@@ -9,7 +9,7 @@ import pytest
 from scenes import assert_same_scene
 
 from raytrace_jax import get_parameter, list_parameters, load_scene, parse_scene, set_parameters
-from raytrace_jax.scene.parameters import scalar_names, shared_with
+from raytrace_jax.scene.parameters import shared_with
 
 VITREOUS = load_scene(Path(__file__).parent.parent / "data" / "vitreous.txt", dtype=np.float32)
 SHARED = parse_scene(
@@ -87,22 +87,6 @@ def test_shapes_that_share_a_material_are_told_in_the_files_order():
     assert shared_with(SHARED, "last.center") == ()
     assert shared_with(SHARED, "glass.ior") == ()
     assert shared_with(VITREOUS, "vitreous.ior") == ()
-
-
-def test_vectors_expand_to_scalars_under_the_users_alias():
-    names = ["vitreous.center", "vitreous.ior", "topright.location.y", "red.diffuse", "cam1.worlddim"]
-    assert scalar_names(VITREOUS, names) == (
-        "vitreous.center.x",
-        "vitreous.center.y",
-        "vitreous.center.z",
-        "vitreous.ior",
-        "topright.location.y",
-        "red.diffuse.r",
-        "red.diffuse.g",
-        "red.diffuse.b",
-        "cam1.worlddim.x",
-        "cam1.worlddim.y",
-    )
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from raytrace_jax import RaytraceError
 from raytrace_jax.images.exif import BACK, TURNS
-from raytrace_jax.optics import sphere_deviation
 from raytrace_jax.photo.cameras import (
     COUNT,
     directions,
@@ -124,27 +123,6 @@ def test_what_a_sight_sees_directly_is_where_the_camera_s_projection_has_it():
     assert np.all(sight.through(center + 1.03 * radius * around).reach > 1)
 
 
-@pytest.mark.parametrize("index", [1.0, 1.33, 1.5, 1.9])
-def test_a_ray_turns_in_a_ball_by_the_angle_of_the_formula(index):
-    """In a plane through the ball's axis; the ray leaves as far from the ball's middle as it came."""
-    height, above, radius = 250.0, 60.0, 20.0
-    camera = down_the_axis(height)
-    focal = SIZE[0] / (2 * np.tan(np.radians(35.0) / 2))
-    distance = height - above
-    angle = np.linspace(1e-3, 0.98, 25) * np.arcsin(radius / distance)
-    pixels = jnp.asarray(MIDDLE + np.stack([focal * np.tan(angle), 0 * angle], -1))
-    seen = see_through(camera, jnp.array([index, 0, 0, above, radius]), SIZE, pixels)
-    offset = distance * np.sin(angle)
-    leaving = angle - np.asarray(sphere_deviation(np.arcsin(offset / radius), index))
-    # With (sin, -cos) as its direction it passes the middle at -x cos - z sin = -offset.
-    reaches = np.cos(leaving) > 1e-3
-    wanted = (offset + above * np.sin(leaving)) / np.cos(leaving)
-    np.testing.assert_array_equal(seen.valid, reaches)
-    np.testing.assert_allclose(seen.reach, offset / radius, atol=1e-9)
-    np.testing.assert_allclose(np.asarray(seen.place[:, 0])[reaches], wanted[reaches], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(np.asarray(seen.place[:, 1])[reaches], 0, atol=1e-9)
-
-
 def refracted(d, n, ratio):
     """Snell's law in the plane of ray and normal: the sine of the angle to the normal is `ratio` times what it was."""
     inward = -n
@@ -153,12 +131,14 @@ def refracted(d, n, ratio):
     return across + np.sqrt(1 - across @ across) * inward
 
 
-def test_rays_of_a_tilted_camera_follow_snell_s_law():
-    camera, index, center, radius = camera_of(LENSES[1]), BALL[0], BALL[1:4], BALL[4]
-    middle, size = Sight(np.concatenate([camera, BALL]), SIZE).outline
+@pytest.mark.parametrize("index", [1.0, 1.33, 1.5, 1.9])
+def test_rays_of_a_tilted_camera_follow_snell_s_law(index):
+    camera, center, radius = camera_of(LENSES[1]), BALL[1:4], BALL[4]
+    ball = np.concatenate([[index], BALL[1:]])
+    middle, size = Sight(np.concatenate([camera, ball]), SIZE).outline
     pixels = middle + size * np.random.default_rng(4).uniform(-0.65, 0.65, (40, 2))
     eye, toward = np.asarray(viewpoint(camera)), np.asarray(directions(camera, SIZE, jnp.asarray(pixels)))
-    wanted = []
+    wanted, down = [], []
     for d in toward:
         b = d @ (eye - center)
         entry = eye + (-b - np.sqrt(b * b - (eye - center) @ (eye - center) + radius**2)) * d
@@ -166,9 +146,13 @@ def test_rays_of_a_tilted_camera_follow_snell_s_law():
         leave = entry - 2 * (inner @ (entry - center)) * inner
         outer = refracted(inner, -(leave - center) / radius, index)
         wanted.append((leave - leave[2] / outer[2] * outer)[:2])
-    seen = see_through(camera, jnp.asarray(BALL), SIZE, jnp.asarray(pixels))
-    assert np.all(seen.valid)
-    np.testing.assert_allclose(seen.place, wanted, atol=1e-9)
+        down.append(-outer[2])
+    seen = see_through(camera, jnp.asarray(ball), SIZE, jnp.asarray(pixels))
+    reaches = np.array(down) > 1e-3
+    np.testing.assert_array_equal(seen.valid, reaches)
+    assert reaches.mean() > 0.8 and (reaches.all() or index > 1.5)
+    np.testing.assert_allclose(seen.reach, np.linalg.norm(np.cross(toward, eye - center), axis=1) / radius, atol=1e-9)
+    np.testing.assert_allclose(seen.place[reaches], np.array(wanted)[reaches], rtol=1e-9, atol=1e-9)
 
 
 STEPS = np.array([1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 0.3, 1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4])
@@ -362,9 +346,7 @@ GOOD += "[0, 1, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 1, 0], [0, 0, 0, 0, 1]]\n"
 @pytest.mark.parametrize(
     "text",
     [
-        "",
         "not toml",
-        "\x00",
         GOOD.replace("fov", "f"),
         GOOD.replace("40", "nan"),
         GOOD.replace("40", "'wide'"),

@@ -139,7 +139,6 @@ def test_a_file_without_a_board_is_refused(tmp_path):
 
 
 def charuco(columns, rows, dictionary, is_legacy=False):
-    """OpenCV's picture of a ChArUco board."""
     markers = aruco.getPredefinedDictionary(getattr(aruco, dictionary))
     board = aruco.CharucoBoard((columns, rows), 30.0, 21.0, markers)
     board.setLegacyPattern(is_legacy)
@@ -369,7 +368,6 @@ def drawn(board, *balls, hides=lambda column, row: {}, light=1.0):
 
 
 def with_center(x, y):
-    """The numbers with the ball elsewhere."""
     numbers = np.array(DRAWN)
     numbers[12:14] = x, y
     return numbers

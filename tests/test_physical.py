@@ -22,12 +22,12 @@ from physical_scenes import (
     scene_text,
     write_images,
 )
+from scenes import scaled_scene
 
 from raytrace_jax import (
     RenderSettings,
     SceneWarning,
     get_parameter,
-    list_parameters,
     load_scene,
     make_renderer,
     parse_scene,
@@ -35,7 +35,6 @@ from raytrace_jax import (
     render,
     set_parameters,
 )
-from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
@@ -136,17 +135,12 @@ def test_glass_of_index_one_is_not_there(as_scene):
 
 @pytest.mark.slow
 def test_a_scaled_scene_has_the_same_picture(as_scene):
-    """Every number grows with the scene as its quantity says."""
     ball = Sphere(Material(transmission=1, ior=1.5, absorption=(0.1, 0.2, 0.3)), (0, 0, 0), 1)
     matt = Sphere(Material(diffuse=(0.5, 0.6, 0.7), reflectivity=0.3), (1, -0.8, 1.2), 0.4)
     scene = as_scene(lit(ball, matt, lights=[Light((2, 3, 3), (9, 8, 7))], max_bounces=4))
     expected = np.asarray(render(scene).image)
     for factor in (1e-3, 1e3):
-        powers = {
-            name: resolve(scene, name).attribute.quantity.dimension_in("physical") for name in list_parameters(scene)
-        }
-        grown = {name: np.asarray(get_parameter(scene, name)) * factor**power for name, power in powers.items()}
-        off = abs(np.asarray(render(set_parameters(scene, grown)).image) - expected).max(axis=0)
+        off = abs(np.asarray(render(scaled_scene(scene, factor, "physical")).image) - expected).max(axis=0)
         assert np.mean(off > 1e-9) < 0.01, (factor, off.max())
 
 
@@ -201,14 +195,10 @@ def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("eye", "ior"),
-    [((0, 0, 5), 1.0), ((0, 0, 5), 1.0 + 1e-12), ((0, 0, 5), 3.0), ((0.2, 0.1, 0.3), 1.5), ((0, 0, 5), 0.6)],
-    ids=["index one", "index just above one", "dense", "from inside", "thinner than air"],
-)
-def test_hard_places_have_finite_pictures_and_derivatives(as_scene, eye, ior):
+@pytest.mark.parametrize("ior", [3.0, 0.6])
+def test_dense_and_thin_glass_has_finite_pictures_and_derivatives(as_scene, ior):
     description = lit(Sphere(Material(transmission=1, ior=ior, absorption=(0.1, 0.2, 0.3)), (0, 0, 0), 1))
-    camera = dataclasses.replace(EYE, viewpoint=eye, lookat=(0, 0, -1), fov=60)
+    camera = dataclasses.replace(EYE, viewpoint=(0, 0, 5), lookat=(0, 0, -1), fov=60)
     scene = as_scene(dataclasses.replace(description, camera=camera, max_bounces=8))
     found = picture_derivatives(scene, ["m1.ior", "s1.center", "s1.radius", "m1.absorption", "eye.fov"])
     assert np.isfinite(found.image).all() and np.isfinite(found.values).all()

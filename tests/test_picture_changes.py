@@ -15,7 +15,6 @@ from raytrace_jax import RenderSettings, picture_derivatives, render, set_parame
 from raytrace_jax.inverse.changes import (
     SIDE,
     SampledPicture,
-    chances,
     draw_sample,
     margin_at,
     number_changes,
@@ -177,11 +176,3 @@ def test_what_decides_is_looked_at_for_certain():
     sample = draw_sample(np.ones((40, 40), bool), weight, 300)
     inside = (sample.row // SIDE == 2) & (sample.column // SIDE == 2)
     assert inside.sum() == SIDE**2 and np.all(sample.chance[inside] == 1)
-
-
-@given(st.lists(st.floats(1e-9, 1), min_size=2, max_size=50), st.integers(1, 200))
-def test_chances_are_chances_and_give_what_is_wanted(sizes, most):
-    size, pixels = np.array(sizes), np.full(len(sizes), 4.0)
-    share = chances(size, pixels, most)
-    assert np.all((share >= 0) & (share <= 1))
-    assert share @ pixels <= most * (1 + 1e-9) or np.all(share[share > 0] == 1)

@@ -3,19 +3,13 @@
 import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
-from linear_pictures import state_at
+from linear_pictures import COLUMNS, ROWS, SIGMA, TRUTH, state_at
 
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.profile import FARTHEST_ERRORS, draw_profile, interval
 from raytrace_jax.inverse.result import PROFILE_95
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
-
-SIGMA = 0.02
-TRUTH = np.array([0.3, -0.2, 0.5])
-COLUMNS = np.random.default_rng([0, 2]).normal(size=(3, 3, 24, 32))
-COLUMNS[1:] += 0.8 * COLUMNS[0]
-ROWS = COLUMNS.reshape(3, -1).T
 
 
 def drawn(place, columns=COLUMNS, priors=None):

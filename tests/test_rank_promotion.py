@@ -22,21 +22,6 @@ from raytrace_jax import (
 from raytrace_jax.util.compilation import forget_programs
 
 SETTINGS = RenderSettings(size=(12, 9), max_bounces=2)
-ROOM = """
-settings main { model physical }
-camera eye { pixeldim 48 36 viewpoint 0.3 0.4 5 lookat 0 0 0 fov 40 distortion 0.02 0 }
-film f { vignetting 0.1 blur 0.4 gain 1 1.1 1 gamma 0.9 }
-background sky { radiance 0.2 0.25 0.3 }
-light lamp { location 2 3 4 emissivity 5 5 5 }
-texture squares { kind checker color1 0.1 0.1 0.2 color2 0.9 0.8 0.7 square 0.6 }
-material board { emission 1 1 1 texture squares }
-material wall { diffuse 0.5 0.4 0.3 }
-material glass { transmission 1 ior 1.5 absorption 0.1 0.2 0.1 }
-rectangle back { material board center 0 0 -2 right 3 0 0 up 0 2 0 }
-plane floor { material wall point 0 -1.5 0 normal 0 1 0 }
-sphere ball { material glass center 0 0 0 radius 1 }
-"""
-
 BALL = """
 settings main { model physical }
 camera eye { pixeldim 48 36 viewpoint 0.3 0.4 5 lookat 0 0 0 fov 30 }
@@ -46,6 +31,13 @@ material board { emission 1 1 1 texture squares }
 material glass { transmission 1 ior 1.5 }
 rectangle back { material board center 0 0 -2 right 3 0 0 up 0 2 0 }
 sphere ball { material glass center 0 0 0 radius 1 }
+"""
+TINTED = BALL.replace("fov 30", "fov 40 distortion 0.02 0").replace("ior 1.5", "ior 1.5 absorption 0.1 0.2 0.1")
+ROOM = f"""{TINTED}
+film f {{ vignetting 0.1 blur 0.4 magnification 1.01 gain 1 1.1 1 gamma 0.9 shift 0.2 0.1 distortion 0.01 }}
+light lamp {{ location 2 3 4 emissivity 5 5 5 }}
+material wall {{ diffuse 0.5 0.4 0.3 }}
+plane floor {{ material wall point 0 -1.5 0 normal 0 1 0 }}
 """
 
 

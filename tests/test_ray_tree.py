@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -153,7 +152,7 @@ def test_the_names_in_the_drawing_stay_within_its_frame():
             assert ax.bbox.x0 <= box.x0 <= box.x1 <= ax.bbox.x1 and ax.bbox.y0 <= box.y0 <= box.y1 <= ax.bbox.y1
 
 
-VITREOUS = Path(__file__).parent.parent / "data" / "vitreous.txt"
+VITREOUS = DATA / "vitreous.txt"
 TWO_BALLS = """camera eye {{ pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }} material glass {{ alpha 0.5 ior 1.5 }}
 sphere {} {{ material glass center 0 0 -3 radius 1 }} sphere {} {{ material glass center 3 0 -3 radius 1 }}"""
 

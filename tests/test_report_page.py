@@ -66,7 +66,6 @@ def page_of(result):
 
 @functools.cache
 def whole_page():
-    """The text of the page of a result with everything in it."""
     return text_of(full_result())
 
 

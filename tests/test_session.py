@@ -1,7 +1,6 @@
 """How our programs set JAX up: where they keep compiled programs, by the platform's custom, and with how many bits."""
 
 import sys
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -44,11 +43,12 @@ def test_the_folder_is_where_the_platform_keeps_such_things(platform, variable, 
 
 
 @pytest.mark.usefixtures("unset")
-def test_a_folder_that_can_be_written_is_used_and_kept(tmp_path):
-    enable_compile_cache(tmp_path / "first")
+def test_a_folder_that_can_be_written_is_used_and_kept(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    enable_compile_cache()
     enable_compile_cache(tmp_path / "second")
-    assert jax.config.jax_compilation_cache_dir == str(tmp_path / "first")
-    assert not (tmp_path / "second").exists()
+    assert jax.config.jax_compilation_cache_dir == str(tmp_path / "raytrace-jax")
+    assert (tmp_path / "raytrace-jax").is_dir() and not (tmp_path / "second").exists()
 
 
 @pytest.mark.usefixtures("unset")
@@ -67,10 +67,3 @@ def test_a_session_has_the_bits_that_are_asked_for_and_leaves_them_behind(precis
         assert jax.device_count() == devices  # JAX runs already, as the suite has set it up.
     assert jnp.asarray(0.5).dtype == jnp.float64
     assert jax.config.jax_compilation_cache_dir == before
-
-
-def test_the_default_folder_is_made_in_the_users_cache(unset, monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    enable_compile_cache()
-    assert Path(jax.config.jax_compilation_cache_dir) == tmp_path / "raytrace-jax"
-    assert (tmp_path / "raytrace-jax").is_dir()

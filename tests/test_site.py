@@ -30,7 +30,6 @@ def settings():
 
 
 def pages_of(nav):
-    """The pages of a part of the navigation."""
     if isinstance(nav, str):
         return [nav]
     return [page for part in (nav.values() if isinstance(nav, dict) else nav) for page in pages_of(part)]

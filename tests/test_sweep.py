@@ -6,7 +6,6 @@ import sys
 import numpy as np
 import pytest
 from command_line import run
-from compiles import counted_compiles
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -93,22 +92,6 @@ def test_a_small_frame_has_its_label_below(size, name, strip):
     assert frames[0].tobytes() != frames[1].tobytes()
 
 
-def test_all_frames_are_one_compile(tmp_path, replace_work):
-    seen = []
-
-    def recording(scene, settings):
-        seen.append(len(compiles))
-        return render(scene, settings)
-
-    replace_work("sweep", recording)
-    with counted_compiles() as compiles:
-        options = ["--size", 33, 25, "--max-bounces", 2]
-        assert run("sweep", VITREOUS, "--over", "vitreous.ior=1:2.4:20", "-o", tmp_path / "a.gif", *options) == 0
-        seen.append(len(compiles))
-    # The first frame may compile, whatever ran before in this process; none after it does.
-    assert len(seen) == 21 and len(set(seen[1:])) == 1
-
-
 @pytest.fixture
 def ffmpeg(tmp_path, monkeypatch):
     """A program of that name on the PATH, which stores its input or fails."""
@@ -138,35 +121,6 @@ def test_mp4_goes_through_ffmpeg(tmp_path, ffmpeg, capsys):
     assert run(*arguments, "--quiet") == 1
     assert capsys.readouterr().err == f"error: {out}: cannot be written: ffmpeg says: no encoder\n"
     assert not out.exists() and not list(tmp_path.glob("*part*"))
-
-
-@pytest.mark.parametrize(
-    ("code", "over", "more", "words"),
-    [
-        (2, "vitreous.ior", [], ["NAME=START:STOP:COUNT"]),
-        (2, "vitreous.ior=1:2:2.5", [], ["NAME=START:STOP:COUNT"]),
-        (2, "vitreous.ior=1:2:1", [], ["there are 1 frames", "2 to 10000"]),
-        (2, "vitreous.ior=-1:2:3", [], ["greater than 0"]),
-        (2, "vitreous.center=1:2:3", [], ["is a vector", "vitreous.center.x, vitreous.center.y"]),
-        (2, "vitreous.ior=1:2:3", ["--fps", 60], ["--fps is 60", "1 to 50"]),
-        (2, "vitreous.ior=1:2:3", ["-o", "a.avi"], ["a.avi", ".gif or .mp4", "'.avi'"]),
-        (1, "vitreous.ior=1:2:3", ["-o", "a.mp4"], ["ffmpeg", "name a .gif file"]),
-        (1, "vitreous.ior=1:2:3", ["-o", "folder.gif"], ["it is a folder"]),
-    ],
-)
-def test_what_makes_no_sense_is_refused_before_the_work(
-    code, over, more, words, tmp_path, monkeypatch, replace_work, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PATH", "")
-    (tmp_path / "folder.gif").mkdir()
-    replace_work("sweep", lambda *_: pytest.fail("rendered"))
-    output = [] if "-o" in more else ["-o", "a.gif"]
-    assert run("sweep", VITREOUS, "--over", over, *output, *more) == code
-    captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.startswith("error: ")
-    for word in words:
-        assert word in captured.err
 
 
 def test_ranges_have_both_ends_and_labels_that_differ():

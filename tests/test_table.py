@@ -3,12 +3,10 @@
 import dataclasses
 from typing import get_args
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import assignment_scene
 
-from raytrace_jax import RenderSettings, Scene, render
+from raytrace_jax import Scene
 from raytrace_jax.inverse.linearize import LOSSES
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.scene.schema import DerivedDefault
@@ -16,7 +14,7 @@ from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, SHAPE_KEYWORDS
 from raytrace_jax.tracer.geometry.camera import DIRECTIONS
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES
-from raytrace_jax.tracer.settings import AOVS, MODEL_RULES
+from raytrace_jax.tracer.settings import MODEL_RULES
 from raytrace_jax.tracer.shading.models import MODELS
 
 KINDS = [kind for kinds in BLOCK_TYPES.values() for kind in kinds]
@@ -87,12 +85,3 @@ def test_tables_know_the_same_names():
     assert {kind.struct for kind in BLOCK_TYPES["camera"]} == set(DIRECTIONS)
     assert set(MODELS) == set(MODEL_RULES) == set(get_args(ModelName))
     assert set(LOSSES) == set(get_args(LossName))
-
-
-@pytest.mark.fast_cases(1)
-@pytest.mark.parametrize("name", AOVS)
-def test_every_variable_has_a_channel_for_each_component(name):
-    film = render(assignment_scene(), RenderSettings(size=(8, 6), max_bounces=0, aov=(name,)))
-    assert film.aov[name].shape[-2:] == (6, 8)
-    assert film.aov[name].reshape(-1, 6, 8).shape[0] == len(AOVS[name].channels)
-    assert film.aov[name].dtype == (jnp.int32 if AOVS[name].channels[0].endswith(".I") else film.image.dtype)

@@ -1,19 +1,17 @@
 """Of how many samples a target's pixels are the mean: told from the target, used for its correction, and as noise."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from linear_pictures import state_at
+from posing import posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax.inverse.forward import Picture, observe
+from raytrace_jax.inverse.forward import Picture
 from raytrace_jax.inverse.grid import GridPicture, settle_on_grid
 from raytrace_jax.inverse.noise import block_scatter, sampling_weights
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.sampling import detect_grid, point_sampled
 from raytrace_jax.inverse.steps import Recorder
-from raytrace_jax.inverse.unknowns import make_prior, make_unknowns
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -24,10 +22,7 @@ AWARE = Stage("aware")
 
 def posed(target):
     """The assignment's scene before a target, all at the truth."""
-    scene = assignment_scene()
-    unknowns = make_unknowns(scene, ["vitreous.ior"])
-    prior = make_prior({}, unknowns, jnp.dtype(jnp.float64))
-    return Problem(scene, observe(target, None, scene, SMALL), unknowns, prior, SMALL)
+    return posed_problem(assignment_scene(), target, ["vitreous.ior"], SMALL)
 
 
 @pytest.fixture(scope="module")

@@ -98,15 +98,3 @@ def test_the_command_writes_figures_and_their_page(tmp_path, capsys):
     assert capsys.readouterr().err == ""
     assert (out / "critical.svg").read_text().startswith("<?xml")
     assert (out / "critical.pdf").read_bytes().startswith(b"%PDF")
-
-
-@pytest.mark.parametrize(
-    ("code", "arguments", "words"),
-    [(2, [], "--output"), (2, ["-o", "out", "--only", "snel"], "snel"), (1, ["-o", "file"], "file is not a folder")],
-)
-def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").write_text("")
-    assert run("teach", *arguments) == code
-    assert words in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]

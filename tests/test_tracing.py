@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from posing import posed_problem
 from scenes import assignment_scene, resolved
 
-from raytrace_jax import FitOptions, set_parameters
-from raytrace_jax.inverse.build_problem import build_problem
+from raytrace_jax import set_parameters
 from raytrace_jax.tracer.levels import integrator
 from raytrace_jax.tracer.pixels import differentiate_batches, prepare_derivatives
 from raytrace_jax.tracer.pure import Room, pure_picture
@@ -52,6 +52,6 @@ def test_the_largest_program_of_a_fit_is_no_larger(edges, most, monkeypatch):
     monkeypatch.setattr(differentiate_batches, "prepare", lower)
     how, free = resolved(size=(16, 12), edges=edges), ["vitreous.ior", "vitreous.center"]
     target = np.random.default_rng(0).random((3, 12, 16))
-    problem = build_problem(assignment_scene(), target, free, how, FitOptions()).problem
+    problem = posed_problem(assignment_scene(), target, free, how)
     prepare_derivatives(problem.start(), problem.scene, problem.unknowns, how)
     assert most / 2 < programs[0] < most

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from browsers import HEADLESS
 from browsers import browser as browser
-from command_line import run
 from PIL import Image
 from scenes import assignment_scene
 
@@ -170,22 +169,6 @@ def test_the_server_answers_and_says_what_is_wrong(studio, monkeypatch, capsys):
             assert caught.value.code == code and words in caught.value.read().decode()
     assert "MemoryError" in capsys.readouterr().err
     assert "https://" not in render_page(studio, "a") and "http://" not in render_page(studio, "a")
-
-
-@pytest.mark.parametrize(
-    ("over", "words"),
-    [
-        (["vitreous.ior"], "NAME=START:STOP"),
-        (["vitreous.ior=2:1"], "upwards"),
-        (["vitreous.ior=2:3"], "lies outside"),
-        (["vitreous.center=0:9"], "is a vector"),
-        (["vitreous.iro=0:9"], "ior"),
-        (["vitreous.ior=1:2", "cyan.ior=1:2"], "give it once"),
-    ],
-)
-def test_the_command_refuses_sliders_that_cannot_be(over, words, capsys):
-    assert run("view", "vitreous", "--over", *over) == 2
-    assert words in capsys.readouterr().err
 
 
 HAND = """<script>

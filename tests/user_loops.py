@@ -70,13 +70,6 @@ def optimistix_levenberg_marquardt():
     return y
 
 
-def optimistix_bfgs():
-    y = setup()[1].start
-    for _ in range(2):
-        y = optx.minimise(lambda y, args: loss(y), optx.BFGS(rtol=1e-6, atol=1e-6), y, max_steps=40).value
-    return y
-
-
 def scan_over_steps():
     @jax.jit
     def descend(y):
@@ -125,7 +118,6 @@ LOOPS = {
         steps_by_hand,
         optax_adam,
         optimistix_levenberg_marquardt,
-        optimistix_bfgs,
         scan_over_steps,
         vmap_over_indices,
         renders_of_renders,
