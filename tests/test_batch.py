@@ -27,7 +27,7 @@ from raytrace_jax import (
     render,
     set_parameters,
 )
-from raytrace_jax.batch.run import Record, run_job
+from raytrace_jax.batch.run import JobRecord, run_job
 from raytrace_jax.batch.table import has_parquet
 from raytrace_jax.cli.actions.batch import BatchProgress
 
@@ -201,7 +201,7 @@ def test_the_time_that_is_left_does_not_count_compiling():
     show.began -= 62
     for seconds in (60.0, 1.0, 1.0):
         show.shown_at = -10
-        show.done(jobs[0], Record("done", seconds=seconds))
+        show.done(jobs[0], JobRecord("done", seconds=seconds))
     said = console.file.getvalue().splitlines()
     assert said == ["1/21 jobs", "2/21 jobs, about 18 s left, without fit", "3/21 jobs, about 17 s left, without fit"]
 

@@ -12,7 +12,7 @@ from raytrace_jax import RaytraceError
 from raytrace_jax.batch.cluster import run_on_workers
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
-from raytrace_jax.batch.run import CHUNKS_EACH, Record, chunks, read_record, write_record
+from raytrace_jax.batch.run import CHUNKS_EACH, JobRecord, chunks, read_record, write_record
 
 PLAN = f"""scenes = ['{(DATA / "vitreous.txt").as_posix()}']
 [grid]
@@ -43,7 +43,7 @@ def run_with(monkeypatch, jobs, folder, outcome):
                 seen.append(chunk)
                 status, error = outcome(chunk)
                 for job in chunk if status == "finished" else ():
-                    write_record(folder, job, Record("done"))
+                    write_record(folder, job, JobRecord("done"))
                 futures.append(types.SimpleNamespace(status=status, exception=lambda error=error: error))
             return futures
 
@@ -55,7 +55,7 @@ def run_with(monkeypatch, jobs, folder, outcome):
 
 def test_chunks_are_of_one_shape_and_some_for_each_worker(jobs, tmp_path):
     for job in jobs[:8]:
-        write_record(tmp_path, job, Record("done"))
+        write_record(tmp_path, job, JobRecord("done"))
     found = chunks(jobs, tmp_path, workers=2)
     assert [job for chunk in found for job in chunk] == jobs[8:]
     assert all(len({job.shape for job in chunk}) == 1 for chunk in found)
@@ -84,8 +84,8 @@ def test_a_scheduler_that_goes_away_is_said(jobs, tmp_path, monkeypatch):
 
 
 def test_a_failure_never_replaces_what_is_done(jobs, tmp_path):
-    write_record(tmp_path, jobs[0], Record("done"))
-    write_record(tmp_path, jobs[0], Record("failed", "late"))
+    write_record(tmp_path, jobs[0], JobRecord("done"))
+    write_record(tmp_path, jobs[0], JobRecord("failed", "late"))
     assert read_record(tmp_path, jobs[0]).status == "done"
 
 

@@ -13,9 +13,9 @@ from PIL import Image
 from raytrace_jax import write_png
 from raytrace_jax.batch.jobs import expand, file_name, labelled
 from raytrace_jax.batch.plan import read_plan
-from raytrace_jax.batch.run import Record, write_record
+from raytrace_jax.batch.run import JobRecord, write_record
 from raytrace_jax.batch.table import remove_tables, write_overview
-from raytrace_jax.report.contact_sheet import GAP, LARGEST, Cell, draw_contact_sheet, layout
+from raytrace_jax.report.contact_sheet import GAP, LARGEST, LabelledPicture, draw_contact_sheet, layout
 
 GRID = "[grid]\nvitreous.ior = [1.2, 1.45, 1.6]\nvitreous.center = [[4.3, 2.3, -1.0], [4.0, 2.3, -1.0]]\n[render]\n"
 
@@ -32,7 +32,7 @@ def jobs_of(tmp_path):
 def finish(folder, job, path, **results):
     (folder / path).parent.mkdir(parents=True, exist_ok=True)
     Image.new("RGB", (16, 12), "red").save(folder / path)
-    write_record(folder, job, Record("done", outputs=(path,), results=results))
+    write_record(folder, job, JobRecord("done", outputs=(path,), results=results))
 
 
 def test_names_say_what_varies_and_are_stable_unique_and_safe(jobs_of):
@@ -57,7 +57,7 @@ def test_the_page_has_a_row_a_job_and_its_links_lead_to_files(jobs_of, tmp_path)
     [fit] = jobs_of(QUICK_FIT)
     for job in renders[1:]:
         finish(tmp_path, job, f"render/{file_name(job)}.png")
-    write_record(tmp_path, renders[0], Record("failed", "<no> light"))
+    write_record(tmp_path, renders[0], JobRecord("failed", "<no> light"))
     numbers = {"fit.status": "converged", "fit.cyan.alpha": 0.39991, "fit.cyan.alpha.total_error": 0.0033}
     numbers["fit.cyan.alpha.standard_error"] = 0.0001
     finish(tmp_path, fit, f"fit/{file_name(fit)}/result.png", **numbers)
@@ -79,9 +79,9 @@ def test_the_page_has_a_row_a_job_and_its_links_lead_to_files(jobs_of, tmp_path)
 def test_the_sheet_has_a_cell_for_each_picture_and_a_bounded_size(tmp_path):
     Image.new("RGB", (16, 12), "red").save(tmp_path / "red.png")
     (tmp_path / "broken.png").write_text("no picture")
-    cells = [Cell(tmp_path / "red.png", ["ior = 1.2"])] * 3 + [
-        Cell(None, ["failed"]),
-        Cell(tmp_path / "broken.png", []),
+    cells = [LabelledPicture(tmp_path / "red.png", ["ior = 1.2"])] * 3 + [
+        LabelledPicture(None, ["failed"]),
+        LabelledPicture(tmp_path / "broken.png", []),
     ]
     sheet, plan = draw_contact_sheet(cells), layout(5, (16, 12), 1)
     right, down = plan.pitch
@@ -111,5 +111,5 @@ def test_a_row_of_the_sheet_is_one_of_the_grid(jobs_of, tmp_path):
 
 def test_the_sheet_shows_light_as_a_screen_does(tmp_path):
     write_png(tmp_path / "grey.png", np.full((3, 30, 40), 0.5))
-    sheet = draw_contact_sheet([Cell(tmp_path / "grey.png", ["grey"])])
+    sheet = draw_contact_sheet([LabelledPicture(tmp_path / "grey.png", ["grey"])])
     assert sheet.getpixel((sheet.width // 2, GAP + 20)) == (188, 188, 188)

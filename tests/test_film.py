@@ -10,7 +10,15 @@ from scenes import assignment_scene
 from scipy import ndimage
 
 from raytrace_jax import ParameterError, RenderSettings, make_renderer, picture_derivatives, render, set_parameters
-from raytrace_jax.scene.response import FILM_EFFECTS, LEAST_LIGHT, Frame, develop, neutral_response, reach, without_idle
+from raytrace_jax.scene.response import (
+    FILM_EFFECTS,
+    LEAST_LIGHT,
+    Frame,
+    develop,
+    light_reach,
+    neutral_response,
+    without_idle,
+)
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 WHOLE = Frame(0, 0, 1, 32, 24)
@@ -45,7 +53,7 @@ def test_a_neutral_film_does_nothing():
     found = np.asarray(develop(jnp.asarray(LIGHT), neutral_response(np.dtype(np.float64)), WHOLE))
     np.testing.assert_allclose(found, LIGHT, atol=1e-14)
     assert developed() is not None and np.array_equal(developed(), LIGHT)
-    assert reach(without_idle(neutral_response(np.dtype(np.float64)))) == 0
+    assert light_reach(without_idle(neutral_response(np.dtype(np.float64)))) == 0
 
 
 def test_gain_and_offset_are_those_of_each_channel():

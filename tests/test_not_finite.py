@@ -10,7 +10,7 @@ from linear_fit import linear_names, linear_problem
 from linear_pictures import POINT, state_at
 
 from raytrace_jax import PictureError, PictureWarning
-from raytrace_jax.images.masks import bad_pixels, blackened, in_words
+from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
 from raytrace_jax.inverse.noise import explains
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.search import choose_levels, find_minima
@@ -143,9 +143,9 @@ def test_a_picture_with_many_bad_pixels_is_broken():
 def test_bad_pixels_in_words():
     image = np.zeros((3, 4, 9))
     image[1, 2, 3] = np.nan
-    assert in_words(bad_pixels(image), (10, 20)) == "1 pixel is NaN or infinite: row 22, column 13"
+    assert mask_in_words(bad_pixels(image), (10, 20)) == "1 pixel is NaN or infinite: row 22, column 13"
     image[0, 1] = np.inf
-    words = in_words(bad_pixels(image))
+    words = mask_in_words(bad_pixels(image))
     assert words.startswith("10 pixels are NaN or infinite: row 1, column 0; ") and words.endswith("; and 5 more")
     assert np.all(blackened(image) == 0)
 

@@ -16,7 +16,7 @@ from raytrace_jax import PictureError
 from raytrace_jax.images.transfer import DECODERS
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.bundle import Corners
-from raytrace_jax.photo.lens import Lens, write_lens
+from raytrace_jax.photo.lens import LensPrior, write_lens
 from raytrace_jax.photo.locate import NotLocated, Taken, Together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
@@ -242,7 +242,7 @@ def test_a_lens_is_turned_as_exif_says_of_the_photograph(orientation, center, fo
     exif[0x0112] = orientation
     image = Image.fromarray(np.full((40, 40), 99, np.uint8))
     image.save("turned.jpg", exif=exif)
-    lens = Lens(np.array([40.0, 0, 0, 0.02, -0.01]), np.diag([1.0, 2, 3, 4, 5]))
+    lens = LensPrior(np.array([40.0, 0, 0, 0.02, -0.01]), np.diag([1.0, 2, 3, 4, 5]))
     write_lens("camera.txt", lens, (40, 40), "By a test.")
     given = seen_by_locate(monkeypatch)
     assert run("photo", "turned.jpg", *BALL[2:], "--camera", "camera.txt") == 1

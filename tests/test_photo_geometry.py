@@ -19,8 +19,8 @@ from raytrace_jax.photo.cameras import (
     rotation,
     viewpoint,
 )
-from raytrace_jax.photo.grids import Grid
-from raytrace_jax.photo.lens import Lens, read_lens, turned, uncalibrated, write_lens
+from raytrace_jax.photo.grids import PixelGrid
+from raytrace_jax.photo.lens import LensPrior, read_lens, turned, uncalibrated, write_lens
 from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.through_glass import LOST, local_map, misses, see_through
@@ -244,7 +244,7 @@ def test_a_grid_s_pixels_lie_in_the_middle_of_their_parts(binning):
     width, height = 101, 64
     row, column = np.mgrid[:height, :width].astype(float)
     image = np.stack([column, row, column * row])
-    whole = Grid.of((width, height), binning)
+    whole = PixelGrid.of((width, height), binning)
     assert whole.size == (width // binning, height // binning)
     part = whole.around(np.array([48.3, 20.9]), 15.5)
     x, y, *_ = part.window
@@ -283,7 +283,7 @@ def test_the_light_on_a_board_is_found_beside_ink_and_a_dark_stain():
     np.testing.assert_array_equal(field.at(np.array([1e4, 0.0])), field.at(np.array([1e5, 0.0])))
 
 
-LENS = Lens(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), np.diag([0.01, 1e-4, 4e-4, 2e-4, 3e-4]) + 1e-5)
+LENS = LensPrior(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), np.diag([0.01, 1e-4, 4e-4, 2e-4, 3e-4]) + 1e-5)
 
 
 def test_a_lens_comes_back_from_its_file(tmp_path):

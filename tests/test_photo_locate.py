@@ -28,12 +28,12 @@ from raytrace_jax.images.exif import TURNS
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import read_board
-from raytrace_jax.photo.bundle import Corners, View
+from raytrace_jax.photo.bundle import Corners, PhotoView
 from raytrace_jax.photo.calibrate import calibrate
 from raytrace_jax.photo.find_ball import find_ball
-from raytrace_jax.photo.find_camera import FoundCamera, photograph_of, scale_of
+from raytrace_jax.photo.find_camera import FoundCamera, photograph_of, step_scales
 from raytrace_jax.photo.flattened import flatten
-from raytrace_jax.photo.lens import Lens, turned, uncalibrated
+from raytrace_jax.photo.lens import LensPrior, turned, uncalibrated
 from raytrace_jax.photo.locate import NotLocated, locate
 from raytrace_jax.photo.outline import Disc, find_discs
 from raytrace_jax.photo.room_scene import FREE, UNCERTAIN, room_scene
@@ -293,16 +293,16 @@ def found_cameras(monkeypatch, lens_of):
         lens = turned(lens_of(photograph), photograph.orientation, photograph.size_on_sensor)
         numbers = np.concatenate([[np.pi, next(sides), 0.3, 0, 0, 250], lens.mean, [1.5, 0, 0, 0, 1]])
         corners = Corners(Sight(numbers, photograph.size).where(places), places, np.full(len(places), 0.01))
-        scale = np.where(np.arange(16) < 11, scale_of(numbers, (0.0, 0.0), lens), 0)
+        scale = np.where(np.arange(16) < 11, step_scales(numbers, (0.0, 0.0), lens), 0)
         covariance = np.eye(16)
         covariance[6:11, 6:11] = lens.covariance
-        return FoundCamera(View(numbers, scale, photograph.size, corners, Corners.none()), covariance, 0.5, 0.03)
+        return FoundCamera(PhotoView(numbers, scale, photograph.size, corners, Corners.none()), covariance, 0.5, 0.03)
 
     monkeypatch.setattr("raytrace_jax.photo.calibrate.find_camera", find)
     monkeypatch.setattr("raytrace_jax.photo.calibrate.find_markers", lambda *_: None)
 
 
-LENS = Lens(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
+LENS = LensPrior(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
 
 
 @pytest.mark.parametrize("turns", [(1, 3, 6, 8), (6, 6, 6), (2, 4, 5, 7), (8, 1, 1)])

@@ -13,16 +13,16 @@ from raytrace_jax import write_png
 from raytrace_jax.cli import main
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import read_board
-from raytrace_jax.photo.bundle import OWN, Corners, View, adjust
+from raytrace_jax.photo.bundle import OWN, Corners, PhotoView, adjust
 from raytrace_jax.photo.cameras import COUNT, LENS
-from raytrace_jax.photo.find_camera import known_before, scale_of
-from raytrace_jax.photo.lens import Lens, Turn
+from raytrace_jax.photo.find_camera import known_before, step_scales
+from raytrace_jax.photo.lens import LensPrior, Turn
 from raytrace_jax.photo.opinions import budget
 from raytrace_jax.photo.sight import Sight
 
 SIZE, INDEX, RADIUS = (640, 480), 1.5, 20.0
 TRUE_LENS = np.array([35.0, -0.05, 0.01, 0.004, -0.003])
-KNOWN_LENS = Lens(
+KNOWN_LENS = LensPrior(
     TRUE_LENS + np.array([0.01, 0.001, -0.002, 2e-4, 2e-4]), np.diag([0.02, 0.003, 0.006, 5e-4, 5e-4]) ** 2
 )
 KNOWN_RADIUS = (RADIUS * 1.0004, RADIUS * 5e-4)
@@ -50,8 +50,8 @@ def view_of(place, turn=None, seed=0, noise=0.05):
         Corners(pixels + noise * random.normal(size=pixels.shape), places, np.full(len(places), noise))
         for pixels, places in groups
     )
-    scale = scale_of(numbers, KNOWN_RADIUS, KNOWN_LENS)
-    return View(numbers + 0.05 * scale * random.normal(size=len(numbers)), scale, size, direct, through, turn)
+    scale = step_scales(numbers, KNOWN_RADIUS, KNOWN_LENS)
+    return PhotoView(numbers + 0.05 * scale * random.normal(size=len(numbers)), scale, size, direct, through, turn)
 
 
 KNOWN = known_before(KNOWN_LENS, KNOWN_RADIUS)

@@ -6,7 +6,7 @@ from linear_fit import linear_names, linear_problem
 from linear_pictures import COLUMNS, ROWS, SIGMA, TRUTH, state_at
 
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.profile import FARTHEST_ERRORS, draw_profile, interval
+from raytrace_jax.inverse.profile import FARTHEST_ERRORS, find_profile, interval
 from raytrace_jax.inverse.result import PROFILE_95
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
@@ -26,7 +26,7 @@ def drawn(place, columns=COLUMNS, priors=None):
     stage, y = Stage("point", noise=SIGMA), problem.array(best)
     solution = state_at(problem, y, stage)
     sure = quantify_uncertainty(solution, SIGMA)
-    return draw_profile(solution, place, sure, 30, Recorder(problem, None, None, None)), best, sure
+    return find_profile(solution, place, sure, 30, Recorder(problem, None, None, None)), best, sure
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])

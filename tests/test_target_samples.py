@@ -6,7 +6,7 @@ from linear_pictures import state_at
 from posing import posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax.inverse.forward import Picture
+from raytrace_jax.inverse.forward import PredictedPicture
 from raytrace_jax.inverse.grid import GridPicture, settle_on_grid
 from raytrace_jax.inverse.noise import block_scatter, sampling_weights
 from raytrace_jax.inverse.options import Stage
@@ -88,7 +88,9 @@ def test_edges_along_the_grid_do_not_lead(problem, slope, along):
         problem,
         samples,
         np.asarray(problem.start()),
-        Picture(problem.array(np.stack(3 * [mean])), problem.array(np.zeros((len(problem.start()), 3, 36, 48)))),
+        PredictedPicture(
+            problem.array(np.stack(3 * [mean])), problem.array(np.zeros((len(problem.start()), 3, 36, 48)))
+        ),
         np.zeros((1, 3, 36, 48)),
         row,
         column,

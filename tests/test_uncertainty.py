@@ -29,7 +29,7 @@ from raytrace_jax.inverse.linearize import LOSSES
 from raytrace_jax.inverse.noise import storage_scatter
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.solvers import gauss_newton_step
-from raytrace_jax.inverse.uncertainty import in_words, noise_level, quantify_uncertainty
+from raytrace_jax.inverse.uncertainty import direction_in_words, noise_level, quantify_uncertainty
 from raytrace_jax.inverse.unknowns import Transform
 
 DRAWS = 2000
@@ -302,5 +302,5 @@ def test_the_weakest_combination_is_in_the_parameters_own_units_and_leaves_out_w
     # Nothing changes along (1, 0, -2, 0.01) in natural scales.
     weakest = np.array([1.0, 0.0, -2.0, 0.01])
     triangle = np.eye(4) - np.outer(weakest, weakest) / (weakest @ weakest)
-    words = in_words(triangle, np.array([1.0, 1.0, 10.0, 1.0]), ("a", "b", "c", "d"))
+    words = direction_in_words(triangle, np.array([1.0, 1.0, 10.0, 1.0]), ("a", "b", "c", "d"))
     assert words == "c +1, a -0.05"

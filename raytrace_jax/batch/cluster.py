@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from raytrace_jax.batch.jobs import Job
-from raytrace_jax.batch.run import Chunk, Record, chunks, read_record, run_chunk, write_record
+from raytrace_jax.batch.run import Chunk, JobRecord, chunks, read_record, run_chunk, write_record
 from raytrace_jax.errors import RaytraceError, one_sentence
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import install
@@ -18,7 +18,7 @@ from raytrace_jax.util.text import install
 SECONDS_TO_CONNECT = 30
 SECONDS_BETWEEN_LOOKS = 0.2
 
-OnDone = Callable[[Job, Record], None]
+OnDone = Callable[[Job, JobRecord], None]
 
 
 def require() -> None:
@@ -46,7 +46,9 @@ def run_on_workers(
         alone = [(job,) for chunk in given_up for job in chunk]
         for chunk in _share_out(client, alone, folder, on_done):
             [job] = chunk
-            record = Record("failed", "the process that ran it died, each time it was tried: is there enough memory?")
+            record = JobRecord(
+                "failed", "the process that ran it died, each time it was tried: is there enough memory?"
+            )
             write_record(folder, job, record)
             on_done(job, record)
 

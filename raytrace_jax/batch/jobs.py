@@ -22,16 +22,16 @@ from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import Precision
 
-Cell = float | int | str | None
-Row = dict[str, Cell]
-Kind = Literal["render", "gradient", "fit"]
+TableCell = float | int | str | None
+Row = dict[str, TableCell]
+JobKind = Literal["render", "gradient", "fit"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Job:
     """One picture, one set of derivatives or one fit; `scene_name` and `varied` determine nothing of it."""
 
-    kind: Kind
+    kind: JobKind
     scene_name: str  # The scene's file as the plan names it.
     scene: PlannedScene
     values: Values
@@ -68,7 +68,7 @@ class Job:
 
 def expand(plan: BatchPlan) -> list[Job]:
     """All jobs of a plan: kind by kind, scene by scene, row by row, the last name of the grid running fastest."""
-    kinds: list[tuple[Kind, dict[str, Any], list[tuple[dict[str, Any], str]]]] = []
+    kinds: list[tuple[JobKind, dict[str, Any], list[tuple[dict[str, Any], str]]]] = []
     if plan.render:
         kinds.append(("render", {}, [({}, "")]))
     if plan.gradient:
@@ -160,7 +160,7 @@ def target_cells(job: Job) -> Row:
 def labelled(jobs: Sequence[Job]) -> list[Job]:
     """The jobs with their field `varied`: what is not the same in all jobs of the kind."""
     rows = [{"scene": job.scene_name, **value_cells(job), **target_cells(job)} for job in jobs]
-    seen: dict[tuple[str, str], set[Cell]] = {}
+    seen: dict[tuple[str, str], set[TableCell]] = {}
     for job, row in zip(jobs, rows, strict=True):
         for name, cell in row.items():
             seen.setdefault((job.kind, name), set()).add(cell)
@@ -180,6 +180,6 @@ def file_name(job: Job) -> str:
     return _DEVICES.sub(r"\1_", words) + f"_{job.name[:8]}"
 
 
-def cell_text(cell: Cell) -> str:
+def cell_text(cell: TableCell) -> str:
     """A number in up to six digits, a word as it is."""
     return f"{cell:.6g}" if isinstance(cell, float) else str(cell)

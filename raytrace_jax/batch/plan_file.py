@@ -130,7 +130,7 @@ Finite = Annotated[float, Wanted("a finite number", above=-math.inf, below=math.
 
 
 @dataclasses.dataclass(frozen=True)
-class Range(Checked):
+class EvenRange(Checked):
     """Numbers that are evenly spaced, both ends included."""
 
     start: Finite
@@ -138,7 +138,7 @@ class Range(Checked):
     count: Annotated[int, Wanted(least=1, most=1_000_000)]
 
 
-RANGE = tuple(field.name for field in dataclasses.fields(Range))
+RANGE = tuple(field.name for field in dataclasses.fields(EvenRange))
 
 
 def read_value(file: PlanFile, keys: Keys, value: Any) -> Value:
@@ -151,10 +151,10 @@ def read_value(file: PlanFile, keys: Keys, value: Any) -> Value:
 
 
 def read_values(file: PlanFile, keys: Keys, values: Any) -> tuple[Value, ...]:
-    """Many values of a parameter: an array of them, or a table that is a `Range`."""
+    """Many values of a parameter: an array of them, or a table that is a `EvenRange`."""
     if isinstance(values, dict):
         file.table(keys, known=RANGE)
-        found = file.read(keys, Range)
+        found = file.read(keys, EvenRange)
         return tuple(evenly_spaced(found.start, found.stop, found.count))
     if not isinstance(values, list) or not values:
         wanted = "an array of values is wanted, or { start = 1.0, stop = 2.0, count = 11 }"

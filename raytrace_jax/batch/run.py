@@ -35,7 +35,7 @@ FOLDER = "records"
 
 
 @dataclass(frozen=True)
-class Record:
+class JobRecord:
     """The outcome of a job: its files, relative to the batch's folder, and its cells of the table, by column."""
 
     status: Literal["done", "failed"]
@@ -56,7 +56,7 @@ def record_path(folder: Path, job: Job) -> Path:
     return folder / FOLDER / f"{job.name}.json"
 
 
-def write_record(folder: Path, job: Job, record: Record) -> None:
+def write_record(folder: Path, job: Job, record: JobRecord) -> None:
     """Write a job's record; a failure never replaces what another process has done."""
     if record.status == "failed" and is_done(folder, job):
         return
@@ -65,7 +65,7 @@ def write_record(folder: Path, job: Job, record: Record) -> None:
     write_text(record_path(folder, job), text + "\n")
 
 
-def read_record(folder: Path, job: Job) -> Record | None:
+def read_record(folder: Path, job: Job) -> JobRecord | None:
     """The record of a job; None if it has none, or one that is broken or whose files are gone."""
     path = record_path(folder, job)
     if not path.exists():
@@ -73,7 +73,7 @@ def read_record(folder: Path, job: Job) -> Record | None:
     try:
         kept = json.loads(read_bytes(path))
         outputs = tuple(kept["outputs"])
-        record = Record(kept["status"], kept["message"], outputs, kept["results"], kept["seconds"])
+        record = JobRecord(kept["status"], kept["message"], outputs, kept["results"], kept["seconds"])
     except (RaytraceError, ValueError, KeyError, TypeError):
         return None
     return record if all((folder / output).exists() for output in outputs) else None
@@ -102,7 +102,7 @@ Outcome = tuple[list[Path], Mapping[str, float | str | None]]
 """The paths of a job's files, and its numbers for the table, by column."""
 
 
-def run_fit(job: Job, folder: Path) -> Outcome:
+def fit_job(job: Job, folder: Path) -> Outcome:
     """Fit, and write `result.json` and the fitted scene `fit.txt` into the job's folder within `folder`."""
     options, path = job.options, job.target
     # A rendered target has the job's values, and the search for them begins at those of the scene.
@@ -147,11 +147,11 @@ def _estimates(result: FitResult) -> dict[str, float | str | None]:
     return numbers
 
 
-def run_job(job: Job, folder: Path) -> Record:
+def run_job(job: Job, folder: Path) -> JobRecord:
     """Run a job and write its files into `folder/KIND`; its record is for the caller to write."""
     with jax.enable_x64(job.precision == 64):
-        outputs, results = {"render": _render, "gradient": _gradient, "fit": run_fit}[job.kind](job, folder / job.kind)
-    return Record("done", outputs=tuple(path.relative_to(folder).as_posix() for path in outputs), results=results)
+        outputs, results = {"render": _render, "gradient": _gradient, "fit": fit_job}[job.kind](job, folder / job.kind)
+    return JobRecord("done", outputs=tuple(path.relative_to(folder).as_posix() for path in outputs), results=results)
 
 
 def _render(job: Job, folder: Path) -> Outcome:
@@ -190,7 +190,7 @@ def chunks(jobs: Sequence[Job], folder: Path, workers: int = 1) -> list[Chunk]:
     return [tuple(group[i : i + most]) for group in groups for i in range(0, len(group), most)]
 
 
-def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, Record], None] | None = None) -> None:
+def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, JobRecord], None] | None = None) -> None:
     """Run the jobs of a chunk that are not done yet, and write their records; a job that Ctrl-C meets gets none."""
     for job in chunk:
         if is_done(folder, job):
@@ -199,7 +199,7 @@ def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, Record], None]
         try:
             record = run_job(job, folder)
         except Exception as error:
-            record = Record("failed", one_sentence(error))
+            record = JobRecord("failed", one_sentence(error))
         record = dataclasses.replace(record, seconds=time.perf_counter() - began)
         write_record(folder, job, record)
         if on_done:

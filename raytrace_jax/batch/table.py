@@ -9,8 +9,8 @@ from pathlib import Path
 from urllib.parse import quote
 
 from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, Row, cell_text, target_cells, value_cells
-from raytrace_jax.batch.run import Record, read_record
-from raytrace_jax.report.contact_sheet import Cell, draw_contact_sheet
+from raytrace_jax.batch.run import JobRecord, read_record
+from raytrace_jax.report.contact_sheet import LabelledPicture, draw_contact_sheet
 from raytrace_jax.report.panels import page_template
 from raytrace_jax.util.digits import with_error
 from raytrace_jax.util.files import atomic_write, write_text
@@ -58,7 +58,7 @@ def remove_tables(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def _blocks(job: Job, record: Record | None) -> tuple[Row, ...]:
+def _blocks(job: Job, record: JobRecord | None) -> tuple[Row, ...]:
     """The cells of a job in the blocks of the table."""
     ended: Row = {"status": "missing", "message": None}
     if record:
@@ -77,7 +77,7 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
         pictures = [folder / path for path in (record.outputs if record else ()) if path.endswith(".png")]
         words = [f"{name} = {value}" for name, value in job.varied] or [job.scene_name]
         is_done = record and record.status == "done"
-        cells.append(Cell(next(iter(pictures), None), words if is_done else ["failed", *words]))
+        cells.append(LabelledPicture(next(iter(pictures), None), words if is_done else ["failed", *words]))
     (folder / SHEET).unlink(missing_ok=True)
     if cells:
         # A group are the jobs from the first on that differ in the last name of the grid alone.
@@ -95,7 +95,7 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
     return [folder / name for name in ([SHEET] if cells else []) + [PAGE]]
 
 
-def _table(kind: str, jobs: Sequence[tuple[Job, Record | None]]) -> dict[str, object]:
+def _table(kind: str, jobs: Sequence[tuple[Job, JobRecord | None]]) -> dict[str, object]:
     """The jobs of one kind: names and values that vary, those that do not, and a row each."""
     results = [_results(record.results) if record else {} for _, record in jobs]
     varied = list(dict.fromkeys(name for job, _ in jobs for name, _ in job.varied))

@@ -65,7 +65,7 @@ class Said(NamedTuple):
     fov: float
 
 
-class View(NamedTuple):
+class PinholeView(NamedTuple):
     """The rays of a picture: pixel `(column, row)` looks from `eye` along a direction that is linear in both.
 
     `said` is the perspective camera that was given; None where it was another one, or where its angle is not that of
@@ -128,7 +128,7 @@ class Light(NamedTuple):
 class Described(NamedTuple):
     """A scene; its lights and shapes are in the order of the file."""
 
-    view: View
+    view: PinholeView
     radiance: Vector
     background: str  # Its name; empty where there is none.
     sky: Texture | None  # The picture all around that `radiance`, the background's, scales.
@@ -146,7 +146,7 @@ class Described(NamedTuple):
         return list({shape.material.name: shape.material for shape in self.shapes}.values())
 
 
-def describe(scene: Scene, settings: ResolvedSettings) -> Described:
+def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
     """The scene in plain numbers.
 
     Raises:
@@ -184,7 +184,7 @@ def describe(scene: Scene, settings: ResolvedSettings) -> Described:
     )
 
 
-def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> View:
+def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> PinholeView:
     camera = scene.camera
     said = None
     if isinstance(camera, PerspectiveCamera):
@@ -199,7 +199,7 @@ def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> View:
     width, height = settings.picture_size(camera.pixeldim)
     step = pixel_step(camera, settings)
     across, upwards = (right - left) * step[0] * width, (top - bottom) * -step[1] * height
-    return View(camera.name, (width, height), _vector(eye[:, 0]), middle, across, upwards, said)
+    return PinholeView(camera.name, (width, height), _vector(eye[:, 0]), middle, across, upwards, said)
 
 
 def _numbers(scene: Scene, block: Block) -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.described import describe
+from raytrace_jax.exchange.described import describe_scene
 from raytrace_jax.exchange.formats import Format
 from raytrace_jax.exchange.mitsuba.export import Export
 from raytrace_jax.exchange.mitsuba.plugins import python_text, xml_text
@@ -39,7 +39,7 @@ def export_scene(
     """
     if to not in get_args(Format):
         raise SceneError(f"there is no format {to!r}; there are {', '.join(get_args(Format))}.")
-    path, described = Path(path), describe(scene, resolve_settings(scene, settings))
+    path, described = Path(path), describe_scene(scene, resolve_settings(scene, settings))
     if to == "pov":
         text, files, lost = pov_text(described, path.name)
     else:

@@ -28,10 +28,10 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
         f"global_settings {{ assumed_gamma 1 ambient_light 0 max_trace_level {settings.bounces + 1} "
         f"adc_bailout {settings.weight_limit!r} }}",
         _background(scene, stem, files),
-        f"camera {{ perspective location {angle(scene.view.eye)} direction {angle(scene.view.middle)} "
-        f"right {angle(scene.view.across)} up {angle(scene.view.upwards)} }}",
+        f"camera {{ perspective location {pov_vector(scene.view.eye)} direction {pov_vector(scene.view.middle)} "
+        f"right {pov_vector(scene.view.across)} up {pov_vector(scene.view.upwards)} }}",
         *(
-            f"light_source {{ {angle(place)} rgb {angle(colour)} fade_distance {TINY} fade_power 2 }}"
+            f"light_source {{ {pov_vector(place)} rgb {pov_vector(colour)} fade_distance {TINY} fade_power 2 }}"
             for place, colour in lights
         ),
         *(_shape(shape, stem, files) for shape in scene.shapes),
@@ -73,7 +73,7 @@ def _lost(scene: Described) -> list[str]:
 
 def _background(scene: Described, stem: str, files: Files) -> str:
     if scene.sky is None:
-        return f"background {{ rgb {angle(scene.radiance)} }}"
+        return f"background {{ rgb {pov_vector(scene.radiance)} }}"
     assert scene.sky.texels is not None
     name = f"{stem}.{scene.sky.name}.exr"
     files[name] = scene.sky.texels * scene.radiance[:, None, None]
@@ -87,7 +87,7 @@ SKY_TURN = "rotate -90 * y"
 def _shape(shape: Shape, stem: str, files: Files) -> str:
     numbers = shape.numbers
     if shape.keyword == "sphere":
-        body = f"sphere {{ {angle(numbers['center'])}, {float(numbers['radius'])!r}"
+        body = f"sphere {{ {pov_vector(numbers['center'])}, {float(numbers['radius'])!r}"
         return f"// {shape.name}\n{body} {_material(shape, stem, files, np.ones(2))} }}"
     if shape.keyword == "plane":
         right, up = shape.axes()
@@ -97,9 +97,9 @@ def _shape(shape: Shape, stem: str, files: Files) -> str:
         halves = np.array([np.linalg.norm(numbers["right"]), np.linalg.norm(numbers["up"])])
         right, n = unit(numbers["right"]), unit(np.cross(numbers["right"], numbers["up"]))
         a, b = map(float, halves)
-        corners = ", ".join(angle(corner) for corner in ((-a, -b), (a, -b), (a, b), (-a, b), (-a, -b)))
+        corners = ", ".join(pov_vector(corner) for corner in ((-a, -b), (a, -b), (a, b), (-a, b), (-a, -b)))
         origin, body = numbers["center"], f"polygon {{ 5, {corners}"
-    frame = ", ".join(angle(row)[1:-1] for row in (right, np.cross(n, right), n, origin))
+    frame = ", ".join(pov_vector(row)[1:-1] for row in (right, np.cross(n, right), n, origin))
     return f"// {shape.name}\n{body} {_material(shape, stem, files, halves)} matrix <{frame}> }}"
 
 
@@ -108,12 +108,12 @@ def _material(shape: Shape, stem: str, files: Files, halves: np.ndarray) -> str:
     if material.is_glass:
         finish = "finish { ambient 0 diffuse 0 reflection { 0, 1 fresnel on } conserve_energy }"
         # With this power POV-Ray's light falls off as exp(-(1 - colour) * length / distance).
-        colour = angle(1 - material.absorption)
+        colour = pov_vector(1 - material.absorption)
         fade = f" fade_distance 1 fade_power 1001 fade_color rgb {colour}" if np.any(material.absorption) else ""
         return f"pigment {{ rgbt 1 }} {finish} interior {{ ior {material.ior!r}{fade} }}"
     is_matt = bool(np.any(material.diffuse))
     colours = material.diffuse if is_matt else material.emission
-    pigment = f"rgb {angle(colours)}"
+    pigment = f"rgb {pov_vector(colours)}"
     if material.texture is not None:
         pigment = _texture(material.texture, colours, f"{stem}.{material.name}.exr", files, halves)
     light = "diffuse 1 emission 0" if is_matt else "diffuse 0 emission 1"
@@ -122,17 +122,17 @@ def _material(shape: Shape, stem: str, files: Files, halves: np.ndarray) -> str:
 
 def _texture(texture: Texture, colours: np.ndarray, name: str, files: Files, halves: np.ndarray) -> str:
     if texture.texels is None:
-        first, second = (f"rgb {angle(colours * colour)}" for colour in texture.colors)
-        shift = angle([*texture.offset, -texture.square / 2])
+        first, second = (f"rgb {pov_vector(colours * colour)}" for colour in texture.colors)
+        shift = pov_vector([*texture.offset, -texture.square / 2])
         return f"checker {first}, {second} scale {texture.square!r} translate {shift}"
     files[name] = texture.texels * colours[:, None, None]
     smooth = "interpolate 2" if texture.filter == "bilinear" else ""
     # POV-Ray's map lies on [0, 1] x [0, 1].
-    place = f"translate <-0.5, -0.5, 0> scale {angle([*(2 * halves), 1.0])}"
+    place = f"translate <-0.5, -0.5, 0> scale {pov_vector([*(2 * halves), 1.0])}"
     return f'image_map {{ exr "{name}" {smooth} }} {place}'
 
 
-def angle(values: object) -> str:
+def pov_vector(values: object) -> str:
     """Numbers as POV-Ray's vector."""
     return "<" + ", ".join(repr(float(value)) for value in np.asarray(values, np.float64)) + ">"
 

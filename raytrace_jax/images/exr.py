@@ -22,8 +22,8 @@ from jax.typing import ArrayLike
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.picture_file import KEY, Origin, PictureFile, to_json
-from raytrace_jax.images.transfer import Chromaticities, ColourSpace, power, to_rec_709
+from raytrace_jax.images.picture_file import KEY, PictureFile, PictureOrigin, to_json
+from raytrace_jax.images.transfer import Chromaticities, ColourSpace, power_curve, to_rec_709
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 MAGIC = b"\x76\x2f\x31\x01"
@@ -197,19 +197,19 @@ class ExrFile(PictureFile):
             matrix = to_rec_709(self.picture.chromaticities)
         except ValueError as cause:
             raise self.error(str(cause)) from cause
-        return None if matrix is None else ColourSpace("by chromaticities", power(1.0), matrix)
+        return None if matrix is None else ColourSpace("by chromaticities", power_curve(1.0), matrix)
 
     def light(self, transfer: Transfer | None = None) -> np.ndarray:
         """As of any file; no transfer changes floats."""
         return super().light()
 
-    def origin(self) -> Origin:
+    def origin(self) -> PictureOrigin:
         """The metadata of `write_exr`, and the attribute `generatedBy`."""
         try:
             header = OpenEXR.File(str(self.path), header_only=True).parts[0].header
         except (RuntimeError, ValueError, IndexError) as cause:
             raise self.error(f"is a truncated or broken OpenEXR file: {cause}") from cause
-        return Origin(_read_metadata(self.path, header), str(header.get("generatedBy", "")))
+        return PictureOrigin(_read_metadata(self.path, header), str(header.get("generatedBy", "")))
 
 
 def _load_parts(path: str | os.PathLike[str]) -> list[OpenEXR.Part]:

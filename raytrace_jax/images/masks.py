@@ -85,7 +85,7 @@ def blackened(image: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(image), image, np.zeros((), image.dtype))
 
 
-def in_words(bad: Bool[np.ndarray, "height width"], origin: Sequence[int] = (0, 0)) -> str:
+def mask_in_words(bad: Bool[np.ndarray, "height width"], origin: Sequence[int] = (0, 0)) -> str:
     """How many pixels are bad, and where the first ones are: `2 pixels are NaN or infinite: row 3, column 8; ...`.
 
     `origin` is column and row of the first pixel in the whole picture.

@@ -25,7 +25,7 @@ HARMLESS = "JPEG error: Warning"
 """How words begin on what JPEGs say of themselves that libjpeg does not know."""
 
 
-class Origin(NamedTuple):
+class PictureOrigin(NamedTuple):
     """Where a picture comes from, as its file says, if it is OpenEXR or PNG."""
 
     how_made: dict[str, Any]  # The metadata that this program writes.
@@ -52,9 +52,9 @@ class PictureFile:
         """How the file says that its numbers were made from light; None where it does not say."""
         return None
 
-    def origin(self) -> Origin:
+    def origin(self) -> PictureOrigin:
         """Where the picture comes from."""
-        return Origin({}, "")
+        return PictureOrigin({}, "")
 
     def numbers(self) -> np.ndarray:
         """The numbers as they are stored, "height width 3", upright: floats or unsigned integers."""

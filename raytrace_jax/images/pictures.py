@@ -11,7 +11,7 @@ from raytrace_jax.images.camera_files import RAW, RAW_STARTS, JpegFile, TiffFile
 from raytrace_jax.images.exr import MAGIC, ExrFile
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.own_readers import HDR_MAGIC, HdrFile, PpmFile
-from raytrace_jax.images.picture_file import Origin, PictureFile
+from raytrace_jax.images.picture_file import PictureFile, PictureOrigin
 from raytrace_jax.images.png import SIGNATURE, PngFile
 from raytrace_jax.util.files import read_bytes
 
@@ -102,9 +102,9 @@ def read_picture(
     return read(path, layer=layer).light(transfer)
 
 
-def read_origin(path: str | os.PathLike[str]) -> Origin:
+def read_origin(path: str | os.PathLike[str]) -> PictureOrigin:
     """Where a picture comes from; nothing of one that is not read."""
-    return Origin({}, "") if _class_of(path) is None else read(path).origin()
+    return PictureOrigin({}, "") if _class_of(path) is None else read(path).origin()
 
 
 def states_colours(path: str | os.PathLike[str]) -> bool:

@@ -23,8 +23,8 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.images import transfer as transfers
 from raytrace_jax.images.icc import read_profile
 from raytrace_jax.images.options import Bits, Transfer
-from raytrace_jax.images.picture_file import KEY, Origin, PaintableFile, to_json
-from raytrace_jax.images.transfer import REC_709, Chromaticities, ColourSpace, power, srgb_to_linear
+from raytrace_jax.images.picture_file import KEY, PaintableFile, PictureOrigin, to_json
+from raytrace_jax.images.transfer import REC_709, Chromaticities, ColourSpace, power_curve, srgb_to_linear
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -41,7 +41,7 @@ KEYWORD = b"raytrace-jax transfer"
 SRGB_GAMMA = 45455
 """The number of `gAMA`, in 1/100000, that stands for sRGB to programs which do not know the chunk `sRGB`."""
 
-CURVES = {1: srgb_to_linear, 4: power(1 / 2.2), 5: power(1 / 2.8), 8: power(1.0), 13: srgb_to_linear}
+CURVES = {1: srgb_to_linear, 4: power_curve(1 / 2.2), 5: power_curve(1 / 2.8), 8: power_curve(1.0), 13: srgb_to_linear}
 """Curves by their code in `cICP` (ITU-T H.273). BT.709's code (1) is read as sRGB, for which cameras write it."""
 
 PRIMARIES: dict[int, Chromaticities] = {
@@ -175,7 +175,7 @@ class PngFile(PaintableFile):
         except ValueError as cause:
             raise self.error(str(cause)) from cause
 
-    def origin(self) -> Origin:
+    def origin(self) -> PictureOrigin:
         """What `write_png` was given as metadata, and what a text `generatedBy` says."""
         _, start, text = self.chunks.get(b"iTXt", b"").partition(KEY.encode() + b"\0\0\0\0\0")
         try:
@@ -183,7 +183,7 @@ class PngFile(PaintableFile):
         except json.JSONDecodeError:
             found = {}
         _, _, maker = self.chunks.get(b"tEXt", b"").partition(b"generatedBy\0")
-        return Origin(found if isinstance(found, dict) else {}, maker.partition(b"\0")[0].decode("latin-1"))
+        return PictureOrigin(found if isinstance(found, dict) else {}, maker.partition(b"\0")[0].decode("latin-1"))
 
     def _check_pixels(self) -> None:
         """Refuse a file of which some pixels are missing."""
@@ -235,7 +235,7 @@ def _stated(chunks: Mapping[bytes, bytes]) -> Transfer | ColourSpace | None:
         return None
     white_first = struct.unpack(">8I", chunks[b"cHRM"]) if len(chunks.get(b"cHRM", b"")) == 32 else ()
     primaries = tuple(number / 100_000 for number in (*white_first[2:], *white_first[:2])) or REC_709
-    return _space("by cHRM", srgb_to_linear if gamma == SRGB_GAMMA else power(gamma / 100_000), primaries)
+    return _space("by cHRM", srgb_to_linear if gamma == SRGB_GAMMA else power_curve(gamma / 100_000), primaries)
 
 
 def _space(name: str, curve, primaries: Chromaticities) -> Transfer | ColourSpace:

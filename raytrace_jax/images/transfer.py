@@ -69,7 +69,7 @@ def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
-def power(exponent: float) -> Callable[[np.ndarray], np.ndarray]:
+def power_curve(exponent: float) -> Callable[[np.ndarray], np.ndarray]:
     """The curve of numbers that are the light to the power of `exponent`."""
     return lambda encoded: encoded ** (1 / exponent)
 

@@ -53,11 +53,11 @@ class Choice(NamedTuple):
         return Choice(self.places, np.take(self.values, kept, axis))
 
 
-Grid = list[Choice]
+ScanGrid = list[Choice]
 """Choices that vary independently: a grid tries all combinations of their values."""
 
 
-def table(base: Values, grid: Grid) -> Iterator[Values]:
+def table(base: Values, grid: ScanGrid) -> Iterator[Values]:
     """All combinations of a grid's values; the other parameters have those of `base`."""
     places = [place for choice in grid for place in choice.places]
     for values in itertools.product(*(choice.values.reshape(-1, len(choice.places)) for choice in grid)):
@@ -66,12 +66,12 @@ def table(base: Values, grid: Grid) -> Iterator[Values]:
         yield row
 
 
-def size(grid: Grid) -> int:
+def size(grid: ScanGrid) -> int:
     """The number of a grid's combinations."""
     return math.prod(choice.values[..., 0].size for choice in grid)
 
 
-def few_enough(found: list[list[Grid]]) -> list[list[Grid]]:
+def few_enough(found: list[list[ScanGrid]]) -> list[list[ScanGrid]]:
     """The grids, the largest thinned out first, until they are at most `MOST_TRIED` pictures in all."""
     found = [[list(grid) for grid in grids] for grids in found]
     while sum(size(grid) for grids in found for grid in grids) > MOST_TRIED:
@@ -83,7 +83,7 @@ def few_enough(found: list[list[Grid]]) -> list[list[Grid]]:
     return found
 
 
-def groups(problem: Problem) -> list[list[Grid]]:
+def groups(problem: Problem) -> list[list[ScanGrid]]:
     """For each shape with a free position that is searched, and each index without one, the grids to try.
 
     A parameter that is neither, or that has a prior, stays where it starts: the solver finds it. The parameter's

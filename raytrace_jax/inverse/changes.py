@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from raytrace_jax.images.jpeg import LARGEST_UNIT
 from raytrace_jax.inverse.fixed import FixedNumbers, inward_steps, moved_together
-from raytrace_jax.inverse.forward import Picture
+from raytrace_jax.inverse.forward import PredictedPicture
 from raytrace_jax.inverse.linearize import Linearization
 from raytrace_jax.inverse.noise import square_sums
 from raytrace_jax.inverse.options import Stage
@@ -236,7 +236,9 @@ def parameter_changes(pixels: SampledPicture) -> Float[np.ndarray, "parameters 3
     found[places] = pixels.derivative(images[:-1] - images[-1], moved.astype(np.float64), size)
     # The film's parameters: the film knows its derivatives, and the light stays as it is.
     if pixels.radiance is not None:
-        still = Picture(problem.array(pixels.radiance), problem.array(np.zeros((count, *pixels.radiance.shape))))
+        still = PredictedPicture(
+            problem.array(pixels.radiance), problem.array(np.zeros((count, *pixels.radiance.shape)))
+        )
         jacobian = problem.development.picture(still, pixels.y, problem.frame()).jacobian
         of_film = np.setdiff1d(np.arange(len(values)), places)
         slope = problem.slopes(pixels.y)[of_film, None, None]

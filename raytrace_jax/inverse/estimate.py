@@ -11,14 +11,13 @@ from jaxtyping import Array
 
 from raytrace_jax.errors import PictureWarning
 from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.images.masks import in_words
 from raytrace_jax.inverse.build_problem import FitSetup, build_problem
 from raytrace_jax.inverse.candidates import unseen_balls, with_open
 from raytrace_jax.inverse.changes import pixels_to_check
 from raytrace_jax.inverse.model_check import check_model
 from raytrace_jax.inverse.options import FitOptions, Stage, changed_options
 from raytrace_jax.inverse.problem import Problem
-from raytrace_jax.inverse.profile import draw_profile
+from raytrace_jax.inverse.profile import find_profile
 from raytrace_jax.inverse.refine import first_stage, select_solution
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, cached_detection, supersampled
@@ -109,7 +108,7 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
     # What is wrong with it: pixels that are not finite, and balls that the target does not show.
     bad = np.asarray(solution.linearization.bad) & (np.asarray(problem.observation.root_weight) > 0)
     if bad.any():
-        words = f"{in_words(bad)}, in the fitted picture or a derivative. They do not count."
+        words = f"{mask_in_words(bad)}, in the fitted picture or a derivative. They do not count."
         warnings.warn(words, PictureWarning, stacklevel=2)
     uncertainty = quantify_uncertainty(solution, options.sigma)
     unseen = unseen_balls(solution)
@@ -127,7 +126,7 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
     # What follows counts in standard errors: profiles, and whether the model is right.
     for place in setup.profiled:
         recorder.phase(f"profile of {problem.unknowns.names[place]}")
-        profile = draw_profile(solution, place, uncertainty, options.max_steps, recorder)
+        profile = find_profile(solution, place, uncertainty, options.max_steps, recorder)
         recorder.found(profiles=(*recorder.findings.profiles, profile))
     recorder.phase("checking the model")
     try:

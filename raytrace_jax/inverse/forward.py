@@ -137,7 +137,7 @@ def _checked_weights(weight: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return weight
 
 
-class Picture(eqx.Module):
+class PredictedPicture(eqx.Module):
     """A picture near which the problem is made linear.
 
     Args:
@@ -232,14 +232,14 @@ class Development:
         film = self.film(values)
         return light if film is None else np.asarray(develop_compiled(self._array(light), film, frame))
 
-    def picture(self, light: Picture, y: Vector, frame: Frame) -> Picture:
+    def picture(self, light: PredictedPicture, y: Vector, frame: Frame) -> PredictedPicture:
         """The developed picture at the unknowns `y`, with the derivatives by all of them."""
         if not self.is_needed:
             return light
         jacobian = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
         jacobian[list(self.unknowns.traced)] = light.jacobian
         developed = develop_derivatives(light.image, jacobian, self._array(y), self.of_scene, self.unknowns, frame)
-        return Picture(developed[0], developed[1], light.sees_edge)
+        return PredictedPicture(developed[0], developed[1], light.sees_edge)
 
     def changes(
         self, light: Image, changes: Float[np.ndarray, "changes 3 height width"], values: Values, frame: Frame

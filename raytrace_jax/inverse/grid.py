@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from raytrace_jax.inverse.forward import Picture
+from raytrace_jax.inverse.forward import PredictedPicture
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Moments, disagreement, pixel_moments, point_sampled
@@ -29,13 +29,13 @@ class GridPicture:
     problem: Problem
     samples: int
     y: Values
-    radiance: Picture
+    radiance: PredictedPicture
     jacobian: PixelJacobian
     row: Int[np.ndarray, " listed"]
     column: Int[np.ndarray, " listed"]
     variance: Float[np.ndarray, "3 listed"]
 
-    def at(self, y: Vector) -> Picture:
+    def at(self, y: Vector) -> PredictedPicture:
         """The picture at unknowns nearby; its derivative is that at the place."""
         # Listed pixels are sampled anew, all others follow the derivative.
         step = (np.asarray(y, np.float64) - self.y)[list(self.problem.unknowns.traced)]
@@ -43,7 +43,7 @@ class GridPicture:
         problem, offsets = self.problem, sample_offsets(self.samples)
         sampled = pixel_moments(problem, problem.scene_at(y), self.column, self.row, offsets)
         image[:, self.row, self.column] = sampled.mean
-        radiance = Picture(self.problem.array(image), self.radiance.jacobian)
+        radiance = PredictedPicture(self.problem.array(image), self.radiance.jacobian)
         return self.problem.development.picture(radiance, y, self.problem.frame())
 
     @functools.cached_property
@@ -159,7 +159,7 @@ def grid_picture(problem: Problem, y: Vector, stage: Stage, samples: int, coarse
     moments = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
     mean[:, row, column] = moments.mean
     place, jacobian = np.asarray(y, np.float64), np.asarray(aware.jacobian, np.float64)
-    radiance = Picture(problem.array(mean), radiance.jacobian)
+    radiance = PredictedPicture(problem.array(mean), radiance.jacobian)
     return GridPicture(problem, samples, place, radiance, jacobian, row, column, moments.variance)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.inverse.forward import Observation, Picture
+from raytrace_jax.inverse.forward import Observation, PredictedPicture
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.unknowns import AnyArray, Prior, Vector
 from raytrace_jax.util.compilation import jit
@@ -112,7 +112,7 @@ class Linearization(eqx.Module):
 
 @functools.partial(jit, static_argnames="loss")
 def linearize(
-    picture: Picture,
+    picture: PredictedPicture,
     values: Vector,
     slopes: Vector,
     observation: Observation,

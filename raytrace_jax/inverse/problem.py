@@ -12,7 +12,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int, Num
 
 from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.inverse.forward import Development, ForwardModel, Observation, Picture, forward_model
+from raytrace_jax.inverse.forward import Development, ForwardModel, Observation, PredictedPicture, forward_model
 from raytrace_jax.inverse.linearize import Linearization, evaluate, linearize
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.unknowns import (
@@ -28,7 +28,7 @@ from raytrace_jax.inverse.unknowns import (
     natural_scale,
     values_and_slopes,
 )
-from raytrace_jax.scene.response import Frame, reach
+from raytrace_jax.scene.response import Frame, light_reach
 from raytrace_jax.scene.scene import Scene, with_texels, without_texels
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
@@ -47,7 +47,7 @@ class Problem:
     base: ResolvedSettings
     storage: JpegStorage | None = None
     # What was traced last; a copy with another observation has the same pictures.
-    _pictures: OrderedDict[Hashable, Picture] = dataclasses.field(repr=False, default_factory=OrderedDict)
+    _pictures: OrderedDict[Hashable, PredictedPicture] = dataclasses.field(repr=False, default_factory=OrderedDict)
     # Not an argument, so that a copy with another observation does not keep the old one's.
     _binned: dict[int, Observation] = dataclasses.field(init=False, repr=False, default_factory=dict)
 
@@ -152,7 +152,7 @@ class Problem:
 
     def film_reach(self, y: Vector) -> float:
         """The distance in pixels from which the light of a pixel may come; 0 if all of it is its own."""
-        return reach(self.development.film(self.values(y)))
+        return light_reach(self.development.film(self.values(y)))
 
     @functools.cached_property
     def balls_outside(self) -> Bool[np.ndarray, " spheres"]:
@@ -169,12 +169,12 @@ class Problem:
         moved = moved_scenes(without_texels(self.traced_scene), rows, self.unknowns.traced_unknowns)
         return with_texels(moved, self.scene)
 
-    def picture(self, y: Vector, edges: EdgeMode, binning: int = 1) -> Picture:
+    def picture(self, y: Vector, edges: EdgeMode, binning: int = 1) -> PredictedPicture:
         """The picture at `y` and its derivatives."""
         y = self.array(y)
         return self.development.picture(self.radiance(y, edges, binning), y, self.frame(binning))
 
-    def radiance(self, y: Vector, edges: EdgeMode, binning: int = 1) -> Picture:
+    def radiance(self, y: Vector, edges: EdgeMode, binning: int = 1) -> PredictedPicture:
         """The picture before the film, and its derivatives by the unknowns that are not the film's.
 
         The last few pictures are remembered: one point is looked at with several blurs, losses, targets and films.
@@ -189,7 +189,7 @@ class Problem:
         found = self.model.differentiate(traced, self.traced_scene, pixels, unknowns, self.settings(edges, binning))
         image, jacobian = found.color.reshape(3, *size), found.jacobian.reshape(-1, 3, *size)
         sees_edge = found.sees_edge.reshape(size) if edges == "aware" else None
-        picture = Picture(self.array(image), self.array(jacobian), sees_edge)
+        picture = PredictedPicture(self.array(image), self.array(jacobian), sees_edge)
         self._pictures[place] = picture
         # Three are kept: after a rejected step the solver goes on from where the step began.
         while len(self._pictures) > 3:
@@ -205,7 +205,7 @@ class Problem:
         picture = self.picture(y, stage.edges, stage.binning)
         return self.linearize_picture(picture, y, stage)
 
-    def linearize_picture(self, picture: Picture, y: Vector, stage: Stage) -> Linearization:
+    def linearize_picture(self, picture: PredictedPicture, y: Vector, stage: Stage) -> Linearization:
         """Residual and Jacobian at `y` from a picture and derivatives that are given."""
         picture = dataclasses.replace(picture, sees_edge=None)  # Not a matter of this program.
         return linearize(picture, *self._compared(y, stage), stage.loss)
@@ -216,7 +216,7 @@ class Problem:
         self.model.prepare_differentiate(self.traced_at(y), self.traced_scene, self.unknowns.traced_unknowns, settings)
         target = self.binned(stage.binning).target
         jacobian = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
-        linearize.prepare(Picture(target, jacobian), *self._compared(y, stage), stage.loss)
+        linearize.prepare(PredictedPicture(target, jacobian), *self._compared(y, stage), stage.loss)
 
     def _compared(self, y: Vector, stage: Stage):
         """The arguments of `linearize` in order, without the picture and the loss."""

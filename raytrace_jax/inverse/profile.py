@@ -20,7 +20,7 @@ FARTHEST_ERRORS = 3.0
 of one that curves up less closes too, down to (1.96 / 3)^2 = 0.43 of a parabola's curvature."""
 
 
-def draw_profile(
+def find_profile(
     solution: FitState, place: int, uncertainty: Uncertainty, max_steps: int, recorder: Recorder
 ) -> Profile:
     """Hold one parameter at values to both sides of its estimate and fit the others again at each.

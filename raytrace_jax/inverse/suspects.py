@@ -164,7 +164,7 @@ def suspected_changes(problem: Problem, y: Vector, light: Image, uncertain: Cont
     tied = {(one.field, one.component) for one in leaders if one.group == FILM}
     # Differences of the developed picture, by a step that each effect knows.
     before, found = developed(problem, light, film), []
-    for name, effect, which, start in parts(film):
+    for name, effect, which, start in film_parts(film):
         moving = {(effect.name, k if effect.attribute.components else None) for k in which}
         # A number that is free alone is no suspect. Of tied channels each is one, but not all of them together.
         if moving <= alone or (len(moving) > 1 and moving & tied) or name in uncertain:
@@ -183,14 +183,14 @@ def stated_changes(problem: Problem, y: Vector, light: Image, uncertain: Mapping
         uncertain: standard deviation by canonical name of a fixed number. It is the step of the difference as well.
     """
     film, found = film_at(problem, y), []
-    for name, effect, which, value in parts(film):
+    for name, effect, which, value in film_parts(film):
         if name in uncertain:
             after = developed(problem, light, with_numbers(film, effect, which, uncertain[name]))
             found.append(FilmChange(name, effect, value, (after - developed(problem, light, film)) / uncertain[name]))
     return found
 
 
-def parts(film: CameraResponse) -> Iterator[tuple[str, FilmEffect, list[int], float]]:
+def film_parts(film: CameraResponse) -> Iterator[tuple[str, FilmEffect, list[int], float]]:
     """The parts of a film that may be off: all channels of an effect, and each number.
 
     Each has its name, its effect, its places in the effect's value, and the number at the first of them.

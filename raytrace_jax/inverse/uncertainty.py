@@ -210,7 +210,7 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
         sigma_given=sigma is not None,
         reduced_chi_square=float("nan") if sigma is None else chi_square / sigma**2,
         condition_number=float(strengths[0] / strengths[-1]) if strengths[-1] > 0 else float("inf"),
-        weakest=in_words(triangle, scale, names),
+        weakest=direction_in_words(triangle, scale, names),
         undetermined=tuple(name for name, is_open in zip(names, open_, strict=True) if is_open),
     )
 
@@ -236,7 +236,7 @@ def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:
     return np.where((lengths == 0) | np.any(np.abs(directions[:, ~strong]) > PART, axis=1), np.inf, roots)
 
 
-def in_words(triangle: np.ndarray, scale: np.ndarray, names: tuple[str, ...]) -> str:
+def direction_in_words(triangle: np.ndarray, scale: np.ndarray, names: tuple[str, ...]) -> str:
     """The joint change of parameters that changes the picture least: `ball.radius +1, ball.center.z -2.1`.
 
     The first parameter is the one that changes most in natural scales, by 1. The others are in proportion, in their own

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter, minimum_filter
 
-from raytrace_jax.photo.boards import Board
+from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.grids import RAYS, offsets
 
 BLURS = (0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0, 2.6)
@@ -58,7 +58,7 @@ class Aligned(NamedTuple):
 
 def align(
     light: Float[np.ndarray, "height width"],
-    board: Board,
+    board: CharucoBoard,
     corners: Float[np.ndarray, "n 2"],
     expected: Float[np.ndarray, "n 2"],
     see: See,
@@ -100,7 +100,7 @@ def align(
 
 def best_blur(
     light: Float[np.ndarray, "height width"],
-    board: Board,
+    board: CharucoBoard,
     corners: Float[np.ndarray, "n 2"],
     expected: Float[np.ndarray, "n 2"],
     see: See,
@@ -143,7 +143,7 @@ def _blurred(patches, blur: float):
     return gaussian_filter(patches, blur, axes=(1, 2), mode="nearest", truncate=3.0)
 
 
-def _drawn(pixels, board: Board, corners, see: See):
+def _drawn(pixels, board: CharucoBoard, corners, see: See):
     """The board's brightness in patches of pixels, and which of them show what is near their corner."""
     place, valid = see(pixels.reshape(-1, 2).astype(float))
     place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])

@@ -34,7 +34,7 @@ HAS_CAMERA = re.compile(r"^[^#/]*\bcamera\b", re.MULTILINE)
 
 
 @dataclass(frozen=True)
-class Board:
+class CharucoBoard:
     """A board in its own plane: x to the right, y up, from its middle, in the scene's unit of length.
 
     Args:
@@ -74,7 +74,7 @@ class Board:
         return np.where(inside, self.texture[nearest], np.nan)
 
 
-def read_board(path: str | os.PathLike[str]) -> Board:
+def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
     """Read a board from the blocks of a scene: a rectangle with the picture of a ChArUco board, which is looked at.
 
     Args:
@@ -129,7 +129,7 @@ def read_board(path: str | os.PathLike[str]) -> Board:
             f"{path}: the board is too small: {len(corners)} corners lie between the squares of its {len(ids)} "
             f"markers, and {LEAST_CORNERS} are wanted, as a board of 6 x 5 squares has."
         )
-    return Board(path, text, name, half, square, ids, markers, corners, texture)
+    return CharucoBoard(path, text, name, half, square, ids, markers, corners, texture)
 
 
 def _scene_of(text: str, path: Path) -> Scene:

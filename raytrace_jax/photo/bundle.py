@@ -65,7 +65,7 @@ class Corners(NamedTuple):
         return Corners(self.pixels[chosen], self.places[chosen], self.spread[chosen])
 
 
-class View(NamedTuple):
+class PhotoView(NamedTuple):
     """A photograph in the adjustment.
 
     Args:
@@ -130,7 +130,7 @@ class Adjusted(NamedTuple):
     cost: float
 
 
-def adjust(views: Sequence[View], known: Known) -> Adjusted:
+def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
     """Find the numbers at which corners miss least.
 
     Lens, index and radius are common to all views. In each what is seen directly and what through the glass has its own

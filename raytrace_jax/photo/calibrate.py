@@ -7,11 +7,11 @@ import numpy as np
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import BACK
-from raytrace_jax.photo.boards import Board
+from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.bundle import adjust
 from raytrace_jax.photo.cameras import FOV, LENS
 from raytrace_jax.photo.find_camera import FoundCamera, Photograph, find_camera, known_before
-from raytrace_jax.photo.lens import Lens, Turn, turned, uncalibrated
+from raytrace_jax.photo.lens import LensPrior, Turn, turned, uncalibrated
 from raytrace_jax.photo.markers import find_markers
 from raytrace_jax.util.digits import with_error
 
@@ -32,13 +32,13 @@ class Calibrated(NamedTuple):
         sigma: the scatter of corners, in pixels, of each picture.
     """
 
-    lens: Lens
+    lens: LensPrior
     size: tuple[int, int]
-    each: tuple[Lens, ...]
+    each: tuple[LensPrior, ...]
     sigma: tuple[float, ...]
 
 
-def calibrate(photographs: Sequence[Photograph], board: Board) -> Calibrated:
+def calibrate(photographs: Sequence[Photograph], board: CharucoBoard) -> Calibrated:
     """Find a lens from pictures of a board, each from another side, with the same camera and focus.
 
     Args:
@@ -63,7 +63,7 @@ def calibrate(photographs: Sequence[Photograph], board: Board) -> Calibrated:
     first = photographs[0]
     joint = one_lens(photographs, found, turned(uncalibrated(), first.orientation, size))
 
-    def on_sensor(lens: Lens, photograph: Photograph) -> Lens:
+    def on_sensor(lens: LensPrior, photograph: Photograph) -> LensPrior:
         return turned(lens, BACK.get(photograph.orientation, photograph.orientation), photograph.size)
 
     each = tuple(on_sensor(camera.lens, one) for camera, one in zip(found, photographs, strict=True))
@@ -84,7 +84,7 @@ def one_size(photographs: Sequence[Photograph]) -> tuple[int, int]:
     return size
 
 
-def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], lens: Lens) -> list[FoundCamera]:
+def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], lens: LensPrior) -> list[FoundCamera]:
     """The cameras of photographs adjusted together; `lens` is what is known of it before, as the first one has it.
 
     Where the pictures alone differ by more than their errors, so are the errors larger (Birge's ratio): boards bend.

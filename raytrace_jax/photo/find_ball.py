@@ -11,10 +11,10 @@ from jaxtyping import Float
 from scipy import ndimage, optimize
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.boards import Board
+from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.bundle import BALL
 from raytrace_jax.photo.cameras import COUNT
-from raytrace_jax.photo.grids import Grid
+from raytrace_jax.photo.grids import PixelGrid
 from raytrace_jax.photo.outline import Disc, NoBall
 from raytrace_jax.photo.sight import Sight
 
@@ -46,7 +46,7 @@ STEPS = np.array([0.02, 0.01, 0.02, 0.02])
 
 def find_ball(
     light: Float[np.ndarray, "height width"],
-    board: Board,
+    board: CharucoBoard,
     numbers: Float[np.ndarray, " numbers"],
     blur: float,
     name: str,
@@ -99,11 +99,11 @@ class _Trial:
     A candidate has an index, and is moved along the line of sight and aside, which the outline tells less well.
     """
 
-    def __init__(self, light, board: Board, numbers: Float[np.ndarray, " numbers"], blur: float, disc: Disc):
+    def __init__(self, light, board: CharucoBoard, numbers: Float[np.ndarray, " numbers"], blur: float, disc: Disc):
         self.size = (light.shape[1], light.shape[0])
         self.board, self.blur, self.start = board, blur, np.array(numbers)
         self.start[BALL.start + 1 : BALL.start + 4] = center_of(numbers, self.size, disc)
-        grid = Grid.of(self.size, max(1, round(2 * disc.radius / BALL_WIDTH)))
+        grid = PixelGrid.of(self.size, max(1, round(2 * disc.radius / BALL_WIDTH)))
         self.grid = grid.around(disc.center, disc.radius)
         self.picture = self.grid.parts(light[None]).mean(axis=-1)[0]
         self.eye = Sight(self.start, self.size).viewpoint

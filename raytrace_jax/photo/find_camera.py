@@ -7,10 +7,10 @@ from jaxtyping import Bool, Float, UInt8
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align, best_blur
-from raytrace_jax.photo.boards import LEAST_CORNERS, Board
-from raytrace_jax.photo.bundle import BALL, Corners, Known, View, adjust
+from raytrace_jax.photo.boards import LEAST_CORNERS, CharucoBoard
+from raytrace_jax.photo.bundle import BALL, Corners, Known, PhotoView, adjust
 from raytrace_jax.photo.cameras import COUNT, FOV, LENS
-from raytrace_jax.photo.lens import Lens
+from raytrace_jax.photo.lens import LensPrior
 from raytrace_jax.photo.markers import Markers
 from raytrace_jax.photo.opencv import opencv
 from raytrace_jax.photo.sight import Sight
@@ -72,18 +72,18 @@ class FoundCamera(NamedTuple):
         sigma: the scatter of corners, in pixels.
     """
 
-    view: View
+    view: PhotoView
     covariance: Float[np.ndarray, "numbers numbers"]
     blur: float
     sigma: float
 
     @property
-    def lens(self) -> Lens:
+    def lens(self) -> LensPrior:
         """The camera's lens, as this picture tells it."""
-        return Lens(self.view.numbers[LENS], self.covariance[LENS, LENS])
+        return LensPrior(self.view.numbers[LENS], self.covariance[LENS, LENS])
 
 
-def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Lens) -> FoundCamera:
+def find_camera(photograph: Photograph, board: CharucoBoard, markers: Markers, lens: LensPrior) -> FoundCamera:
     """The camera from what is seen directly: from markers, from refined corners, at last from patches.
 
     Args:
@@ -133,7 +133,7 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
     return FoundCamera(_camera_alone(done.numbers, size, corners, lens), done.covariance, blur, done.sigma[0])
 
 
-def known_before(lens: Lens, radius: tuple[float, float]) -> Known:
+def known_before(lens: LensPrior, radius: tuple[float, float]) -> Known:
     """What is known before of the camera's and the ball's numbers: of the lens and the radius."""
     mean, root = np.zeros(BALL.stop), np.zeros((len(lens.mean) + 1, BALL.stop))
     mean[LENS], mean[COUNT + RADIUS] = lens.mean, radius[0]
@@ -147,7 +147,7 @@ def known_before(lens: Lens, radius: tuple[float, float]) -> Known:
     return Known(mean, root)
 
 
-def scale_of(numbers: Float[np.ndarray, " numbers"], radius: tuple[float, float], lens: Lens):
+def step_scales(numbers: Float[np.ndarray, " numbers"], radius: tuple[float, float], lens: LensPrior):
     """About how far each number may move; 0 for what is known exactly."""
     distance = float(np.linalg.norm(numbers[3:6]))
     of_lens = (1.0, 0.02, 0.02, 0.01, 0.01)
@@ -156,14 +156,14 @@ def scale_of(numbers: Float[np.ndarray, " numbers"], radius: tuple[float, float]
     return scale
 
 
-def _camera_alone(numbers: Float[np.ndarray, " numbers"], size, corners: Corners, lens: Lens) -> View:
+def _camera_alone(numbers: Float[np.ndarray, " numbers"], size, corners: Corners, lens: LensPrior) -> PhotoView:
     """A view without a ball."""
-    scale = scale_of(numbers, (0.0, 0.0), lens)
+    scale = step_scales(numbers, (0.0, 0.0), lens)
     scale[BALL] = 0
-    return View(numbers, scale, size, corners, Corners.none())
+    return PhotoView(numbers, scale, size, corners, Corners.none())
 
 
-def _pose(corners: Corners, fov: float, lens: Lens, size: tuple[int, int]) -> Float[np.ndarray, " numbers"]:
+def _pose(corners: Corners, fov: float, lens: LensPrior, size: tuple[int, int]) -> Float[np.ndarray, " numbers"]:
     """Numbers whose camera has this angle of view and sees the corners (OpenCV's `solvePnP`), and a ball of no size."""
     cv2 = opencv("a photograph of a board")
     focal = size[0] / (2 * np.tan(np.radians(fov) / 2))
@@ -174,7 +174,7 @@ def _pose(corners: Corners, fov: float, lens: Lens, size: tuple[int, int]) -> Fl
     return np.concatenate([turn.ravel(), shift.ravel(), [fov, *lens.mean[1:]], [1.5, 0, 0, 0, 1]])
 
 
-def _square_sizes(sight: Sight, board: Board) -> Float[np.ndarray, " corners"]:
+def _square_sizes(sight: Sight, board: CharucoBoard) -> Float[np.ndarray, " corners"]:
     """The shorter side of a square at each corner, in pixels."""
     here = sight.where(board.corners)
     steps = np.array([[board.square, 0.0], [0.0, board.square]])

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.grids import Grid, offsets
+from raytrace_jax.photo.grids import PixelGrid, offsets
 from raytrace_jax.photo.light_field import LightField, fit_light_field
 from raytrace_jax.photo.locate import REACH, Located
 
@@ -52,7 +52,7 @@ class Flattened(NamedTuple):
     through: Bool[np.ndarray, "height width"]
     drawn: Float[np.ndarray, "3 height width"]
     field: LightField
-    grid: Grid
+    grid: PixelGrid
 
 
 def flatten(image: Float[np.ndarray, "3 height width"], located: Located) -> Flattened:
@@ -72,10 +72,10 @@ def flatten(image: Float[np.ndarray, "3 height width"], located: Located) -> Fla
     field = find_light(image, located)
     center, radius = located.sight.outline
     binning = max(1, round(2 * radius / BALL_WIDTH))
-    grid = Grid.of(located.size, binning).around(center, AROUND * radius)
+    grid = PixelGrid.of(located.size, binning).around(center, AROUND * radius)
     parts = grid.parts(image)
     shape = parts.shape[1:3]
-    seen, brightness, reach = look(located, grid)
+    seen, brightness, reach = look_at_board(located, grid)
     on_board = np.isfinite(brightness)
     ranges = reach > RIM, reach < REACH
     direct, through = ((on_board & chosen).reshape(shape) for chosen in ranges)
@@ -109,9 +109,9 @@ def find_light(image: Float[np.ndarray, "3 height width"], located: Located) -> 
     Raises:
         PictureError: too few pixels show paper alone.
     """
-    grid = Grid.of(located.size, max(1, round(located.size[0] / WIDTH)))
+    grid = PixelGrid.of(located.size, max(1, round(located.size[0] / WIDTH)))
     parts = grid.parts(image)
-    seen, brightness, reach = look(located, grid)
+    seen, brightness, reach = look_at_board(located, grid)
     blurred = ndimage.gaussian_filter(np.nan_to_num(brightness).reshape(parts.shape[1:3]), located.blur / grid.binning)
     alone = np.minimum(blurred, 1 - blurred).reshape(-1) < PURE
     is_dark_enough = (parts.max(axis=(0, 3)) < SATURATED).reshape(-1)
@@ -122,7 +122,7 @@ def find_light(image: Float[np.ndarray, "3 height width"], located: Located) -> 
     return fit_light_field(light[:, pure], seen[pure], brightness[pure], located.board.half)
 
 
-def look(located: Located, grid: Grid):
+def look_at_board(located: Located, grid: PixelGrid):
     """Which place of the board pixels see, how bright it is there, and how far from the ball's middle they pass.
 
     The brightness is the mean over a pixel. It is NaN where a part of the pixel does not see the board.

@@ -20,7 +20,7 @@ def offsets(width: float) -> Float[np.ndarray, "rays 2"]:
     return ((np.stack([column, 2 * column % RAYS], -1) + 0.5) / RAYS - 0.5) * width
 
 
-class Grid(NamedTuple):
+class PixelGrid(NamedTuple):
     """Pixels that are means of a photograph's.
 
     Args:
@@ -36,13 +36,13 @@ class Grid(NamedTuple):
     window: tuple[int, int, int, int]
 
     @classmethod
-    def of(cls, photograph: tuple[int, int], binning: int) -> "Grid":
+    def of(cls, photograph: tuple[int, int], binning: int) -> "PixelGrid":
         """The grid of a whole photograph of this width and height; what fills no pixel at its borders is left out."""
         size = photograph[0] // binning, photograph[1] // binning
         left = (photograph[0] - size[0] * binning) // 2, (photograph[1] - size[1] * binning) // 2
         return cls(binning, left, size, (0, 0, *size))
 
-    def around(self, center: Float[np.ndarray, "2"], radius: float) -> "Grid":
+    def around(self, center: Float[np.ndarray, "2"], radius: float) -> "PixelGrid":
         """The part of this grid in a square around a place of the photograph; the radius is half its side."""
         first = np.floor((center - radius - self.left) / self.binning).astype(int)
         last = np.ceil((center + radius - self.left) / self.binning).astype(int)

@@ -17,7 +17,7 @@ USUAL = np.array([0.1, 0.05, 0.01, 0.01])
 Cameras correct distortion, or nearly, and lenses are placed to a hundredth of their picture's width."""
 
 
-class Lens(NamedTuple):
+class LensPrior(NamedTuple):
     """What is known of a camera's lens before.
 
     Args:
@@ -29,10 +29,10 @@ class Lens(NamedTuple):
     covariance: Float[np.ndarray, "5 5"]
 
 
-def uncalibrated(fov: float | None = None, spread: float = 0.0) -> Lens:
+def uncalibrated(fov: float | None = None, spread: float = 0.0) -> LensPrior:
     """A lens of which at most the angle of view is known, in degrees, with its standard deviation."""
     variance = spread**2 if fov else np.inf
-    return Lens(np.array([fov or 0.0, 0, 0, 0, 0]), np.diag([variance, *USUAL**2]))
+    return LensPrior(np.array([fov or 0.0, 0, 0, 0, 0]), np.diag([variance, *USUAL**2]))
 
 
 class Turn(NamedTuple):
@@ -55,7 +55,7 @@ class Turn(NamedTuple):
             slope = factors[:, None] * slope[places]
         return mean, slope
 
-    def of(self, lens: Lens) -> Lens:
+    def of(self, lens: LensPrior) -> LensPrior:
         """The lens, with its covariance."""
         for turn in self._turns:
             lens = turned(lens, *turn)
@@ -71,7 +71,7 @@ class Turn(NamedTuple):
         return (BACK.get(self.before, self.before), upright), (self.after, self.size)
 
 
-def turned(lens: Lens, orientation: int, size: tuple[int, int]) -> Lens:
+def turned(lens: LensPrior, orientation: int, size: tuple[int, int]) -> LensPrior:
     """The lens of a picture that is turned as EXIF says.
 
     Args:
@@ -80,7 +80,7 @@ def turned(lens: Lens, orientation: int, size: tuple[int, int]) -> Lens:
         size: width and height of the picture before.
     """
     mean, places, factors = _turned(lens.mean, orientation, size)
-    return Lens(mean, lens.covariance[np.ix_(places, places)] * np.outer(factors, factors))
+    return LensPrior(mean, lens.covariance[np.ix_(places, places)] * np.outer(factors, factors))
 
 
 def _turned(mean: Float[np.ndarray, "5"], orientation: int, size: tuple[int, int]):
@@ -97,7 +97,7 @@ def _turned(mean: Float[np.ndarray, "5"], orientation: int, size: tuple[int, int
     return mean * signs, places, signs * factors
 
 
-def write_lens(path: str | os.PathLike[str], lens: Lens, size: tuple[int, int], comment: str) -> None:
+def write_lens(path: str | os.PathLike[str], lens: LensPrior, size: tuple[int, int], comment: str) -> None:
     """Write a lens.
 
     Args:
@@ -119,7 +119,7 @@ def write_lens(path: str | os.PathLike[str], lens: Lens, size: tuple[int, int], 
     write_text(path, text)
 
 
-def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> Lens:
+def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> LensPrior:
     """Read a lens for pictures of a size.
 
     Args:
@@ -154,4 +154,4 @@ def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> Lens:
             f"{path}: is the lens of pictures of {width} x {height} pixels, and this one has {size[0]} x {size[1]}: "
             "calibrate with pictures of the same shape, taken as this one was."
         )
-    return Lens(mean, covariance)
+    return LensPrior(mean, covariance)

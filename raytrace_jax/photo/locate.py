@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align
-from raytrace_jax.photo.boards import Board
-from raytrace_jax.photo.bundle import BALL, Adjusted, Corners, View, adjust
+from raytrace_jax.photo.boards import CharucoBoard
+from raytrace_jax.photo.bundle import BALL, Adjusted, Corners, PhotoView, adjust
 from raytrace_jax.photo.calibrate import one_lens, one_size
 from raytrace_jax.photo.cameras import COUNT
 from raytrace_jax.photo.find_ball import find_ball
@@ -21,9 +21,9 @@ from raytrace_jax.photo.find_camera import (
     Photograph,
     find_camera,
     known_before,
-    scale_of,
+    step_scales,
 )
-from raytrace_jax.photo.lens import Lens, Turn
+from raytrace_jax.photo.lens import LensPrior, Turn
 from raytrace_jax.photo.markers import find_markers, markers_in
 from raytrace_jax.photo.outline import Disc, NoBall, find_discs
 from raytrace_jax.photo.sight import Sight
@@ -63,7 +63,7 @@ class Located(NamedTuple):
         blur: standard deviation of the camera's blur, in pixels.
     """
 
-    board: Board
+    board: CharucoBoard
     size: tuple[int, int]
     numbers: Float[np.ndarray, " numbers"]
     covariance: Float[np.ndarray, "numbers numbers"]
@@ -128,7 +128,7 @@ class Together(NamedTuple):
 
 
 def locate(
-    photograph: Photograph, board: Board, radius: tuple[float, float], lens: Lens, ball: Disc | None = None
+    photograph: Photograph, board: CharucoBoard, radius: tuple[float, float], lens: LensPrior, ball: Disc | None = None
 ) -> Located:
     """As `locate_together`, of one photograph. Raises NotLocated."""
     found = locate_together([photograph], board, radius, lens, ball)
@@ -139,9 +139,9 @@ def locate(
 
 def locate_together(
     photographs: Sequence[Photograph],
-    board: Board,
+    board: CharucoBoard,
     radius: tuple[float, float],
-    lens: Lens,
+    lens: LensPrior,
     ball: Disc | None = None,
 ) -> Together:
     """Find cameras and ball from the board's corners, seen directly and through the glass.
@@ -183,7 +183,7 @@ def locate_together(
         cameras = dict(zip(places, found, strict=True))
         shared = Turn(size, photographs[places[0]].orientation, photographs[0].orientation).of(found[0].lens)
 
-    views: dict[int, View] = {}
+    views: dict[int, PhotoView] = {}
     alone: dict[int, Adjusted] = {}
     bare: dict[int, NotLocated] = {}
     for k, camera in cameras.items():
@@ -221,7 +221,7 @@ def locate_together(
     return Together(located, indices, bare, refused, joint)
 
 
-def _not_located(reason: PictureError, photograph: Photograph, board: Board, taken: Taken) -> NotLocated:
+def _not_located(reason: PictureError, photograph: Photograph, board: CharucoBoard, taken: Taken) -> NotLocated:
     """A refusal, with where the ball was taken to be."""
     taken.markers, _ = markers_in(photograph.grey, board.dictionary)
     where = ""
@@ -237,13 +237,13 @@ def _not_located(reason: PictureError, photograph: Photograph, board: Board, tak
 
 def _measured(
     photograph: Photograph,
-    board: Board,
+    board: CharucoBoard,
     camera: FoundCamera,
     radius: tuple[float, float],
-    lens: Lens,
+    lens: LensPrior,
     ball: Disc | None,
     taken: Taken,
-) -> tuple[View, Adjusted]:
+) -> tuple[PhotoView, Adjusted]:
     """A photograph's corners, and what they say; what is found on the way is written into `taken`."""
     # Of the ball only the radius is known.
     numbers, direct, blur = np.array(camera.view.numbers), camera.view.direct, camera.blur
@@ -257,8 +257,8 @@ def _measured(
 
     # Camera and ball are adjusted together to the corners seen directly and through the glass. A better ball says
     # better where these are, so that each round finds more of them.
-    known, scale = known_before(lens, radius), scale_of(numbers, radius, lens)
-    found, view = None, View(numbers, scale, photograph.size, direct, Corners.none())
+    known, scale = known_before(lens, radius), step_scales(numbers, radius, lens)
+    found, view = None, PhotoView(numbers, scale, photograph.size, direct, Corners.none())
     for _ in range(MOST_ROUNDS):
         taken.through = _corners_through(photograph, board, Sight(view.numbers, photograph.size), blur)
         if len(taken.through.pixels) < LEAST_THROUGH:
@@ -291,7 +291,7 @@ def _measured(
     return view, found
 
 
-def _corners_through(photograph: Photograph, board: Board, sight: Sight, blur: float) -> Corners:
+def _corners_through(photograph: Photograph, board: CharucoBoard, sight: Sight, blur: float) -> Corners:
     """The corners that are seen through the ball, by patches."""
 
     def see(pixels):

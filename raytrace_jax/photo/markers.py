@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.boards import Board, decoded, every_dictionary
+from raytrace_jax.photo.boards import CharucoBoard, decoded, every_dictionary
 from raytrace_jax.photo.opencv import opencv
 
 LEAST_DIRECT = 8
@@ -36,7 +36,7 @@ class Markers(NamedTuple):
     direct: Bool[np.ndarray, " markers"]
 
 
-def find_markers(grey: UInt8[np.ndarray, "height width"], board: Board, name: str) -> Markers:
+def find_markers(grey: UInt8[np.ndarray, "height width"], board: CharucoBoard, name: str) -> Markers:
     """Decode a board's markers, and tell those that are seen directly from those that glass has displaced.
 
     A ball turns the board by 180 degrees without mirroring it, so markers decode through it as well, elsewhere. Most of
@@ -120,7 +120,9 @@ def markers_in(
     return decoded(grey, dictionary, how)
 
 
-def _too_few(grey: UInt8[np.ndarray, "height width"], board: Board, ids: Int[np.ndarray, " markers"], ours: int) -> str:
+def _too_few(
+    grey: UInt8[np.ndarray, "height width"], board: CharucoBoard, ids: Int[np.ndarray, " markers"], ours: int
+) -> str:
     """Why a photograph shows too few markers of a board, as far as it can be told, and what to do."""
     wanted = f"{LEAST_DIRECT} markers of {board.path} are wanted, and {ours} are found"
     if len(ids) >= LEAST_DIRECT:

@@ -12,9 +12,9 @@ from jaxtyping import Float
 from scipy import ndimage, optimize
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.boards import Board
+from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.bundle import BALL
-from raytrace_jax.photo.grids import Grid, offsets
+from raytrace_jax.photo.grids import PixelGrid, offsets
 from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.through_glass import RADIUS
@@ -65,7 +65,7 @@ class Disc(NamedTuple):
 
 def find_discs(
     light: Float[np.ndarray, "height width"],
-    board: Board,
+    board: CharucoBoard,
     numbers: Float[np.ndarray, " numbers"],
     blur: float,
     name: str,
@@ -83,7 +83,7 @@ def find_discs(
         PictureError: there is no disc, or a ball is too small in such a photograph.
     """
     size = (light.shape[1], light.shape[0])
-    sight, grid = Sight(numbers, size), Grid.of(size, max(1, round(size[0] / WIDTH)))
+    sight, grid = Sight(numbers, size), PixelGrid.of(size, max(1, round(size[0] / WIDTH)))
     differs, known, square = _differs(light, board, sight, blur, grid)
     hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / HIDDEN, 1)
 
@@ -193,7 +193,7 @@ def _scores(
     return (inside * INSIDE).sum(axis=(1, 2)) / area - around.mean(axis=1)
 
 
-def _differs(light, board: Board, sight: Sight, blur: float, grid: Grid):
+def _differs(light, board: CharucoBoard, sight: Sight, blur: float, grid: PixelGrid):
     """Which pixels show something else than the board in the light that lies on it, which see it, a square's side."""
     seen, expected = _expected(sight, board, grid, blur)
     known = np.isfinite(expected)
@@ -216,7 +216,7 @@ def _differs(light, board: Board, sight: Sight, blur: float, grid: Grid):
     return known * (off > DIFFERS), known, square
 
 
-def _expected(sight: Sight, board: Board, grid: Grid, blur: float):
+def _expected(sight: Sight, board: CharucoBoard, grid: PixelGrid, blur: float):
     """The place of the board that each pixel sees directly, and how bright it is in the pixel's mean, blurred."""
     seen, _ = sight.directly(grid.pixels)
     rays = offsets(grid.binning)

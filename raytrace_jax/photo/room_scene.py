@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from raytrace_jax.photo.bundle import BALL
 from raytrace_jax.photo.cameras import FOV, K1, K2, principal_point, rotation, viewpoint
 from raytrace_jax.photo.flattened import Flattened
-from raytrace_jax.photo.grids import Grid
+from raytrace_jax.photo.grids import PixelGrid
 from raytrace_jax.photo.locate import Located
 from raytrace_jax.photo.through_glass import CENTER, INDEX, RADIUS
 from raytrace_jax.scene import build
@@ -96,7 +96,7 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
     return RoomScene(scene, uncertain, pairs, whole)
 
 
-def _eye(numbers, size: tuple[int, int], grid: Grid) -> dict[str, Float[Array, "..."]]:
+def _eye(numbers, size: tuple[int, int], grid: PixelGrid) -> dict[str, Float[Array, "..."]]:
     """The camera of the cut and binned picture, as a scene says it; it looks as far as to the board's middle now."""
     turn, at = rotation(numbers[:3]), viewpoint(numbers)
     distance = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(numbers[3:6] ** 2)))

@@ -13,7 +13,7 @@ from raytrace_jax.util.compilation import jit
 AT_ONCE = (1 << 12, 1 << 15)
 """Sizes of compiled programs in rays, for few pixels and for many: all photographs share these two."""
 
-Pixels = Float[np.ndarray, "n 2"]
+PixelPlaces = Float[np.ndarray, "n 2"]
 
 
 class Sight:
@@ -27,27 +27,27 @@ class Sight:
     def __init__(self, numbers: Float[np.ndarray, " numbers"], size: tuple[int, int]):
         self.numbers, self.size = np.asarray(numbers, float), size
 
-    def directly(self, pixels: Pixels) -> tuple[Pixels, Bool[np.ndarray, " n"]]:
+    def directly(self, pixels: PixelPlaces) -> tuple[PixelPlaces, Bool[np.ndarray, " n"]]:
         """The place on the board's plane that each pixel sees if nothing is in the way, and whether it sees one."""
         place, sees = self._in_parts(_directly, pixels)
         return place, sees
 
-    def through(self, pixels: Pixels) -> Seen:
+    def through(self, pixels: PixelPlaces) -> Seen:
         """What each pixel sees through the ball."""
         return Seen(*self._in_parts(_through, pixels))
 
-    def slopes(self, pixels: Pixels) -> Float[np.ndarray, "n 2 2"]:
+    def slopes(self, pixels: PixelPlaces) -> Float[np.ndarray, "n 2 2"]:
         """How the place that is seen through the ball moves with the pixel, "place pixel"."""
         return self._in_parts(_slopes, pixels)[0]
 
-    def where(self, places: Float[np.ndarray, "n 2"]) -> Pixels:
+    def where(self, places: Float[np.ndarray, "n 2"]) -> PixelPlaces:
         """The pixels in which places of the board are seen directly."""
         flat = np.concatenate([places, np.zeros_like(places[:, :1])], axis=1)
         return self._in_parts(_where, flat)[0]
 
     def where_through(
         self, places: Float[np.ndarray, "n 2"], reach: float, half: Float[np.ndarray, "2"]
-    ) -> tuple[Pixels, Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    ) -> tuple[PixelPlaces, Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """The pixels in which places of the board are seen through the ball, by Newton's method from a grid of rays.
 
         Args:

@@ -19,7 +19,7 @@ LEAST_LABELLED, MOST_LINES = 80, 4
 GAP, FONT, LINE = 6, 12, 15
 
 
-class Cell(NamedTuple):
+class LabelledPicture(NamedTuple):
     """A picture's file, and the lines below it; None, or a file that cannot be read, leaves a grey box."""
 
     path: Path | None
@@ -55,7 +55,7 @@ def layout(count: int, size: tuple[int, int], lines: int, group: int = 1) -> Lay
     return Layout(columns, math.ceil(count / columns), (width, height), shown)
 
 
-def draw_contact_sheet(cells: Sequence[Cell], group: int = 1) -> Image.Image:
+def draw_contact_sheet(cells: Sequence[LabelledPicture], group: int = 1) -> Image.Image:
     """Draw a sheet with a cell for each picture, row by row, `group` of which go together; there is at least one."""
     sizes = [picture.size for cell in cells[:1000] if (picture := _opened(cell.path))]
     largest = max(sizes, key=lambda size: size[1] / size[0], default=(4, 3))

@@ -57,7 +57,7 @@ class Slider(NamedTuple):
         return self._replace(start=math.floor(self.start * ten) / ten, stop=math.ceil(self.stop * ten) / ten)
 
 
-class Scale(NamedTuple):
+class ColorScale(NamedTuple):
     """The colours of a derivative: they end at `limit` and its negative, and have round `ticks` within."""
 
     limit: float
@@ -89,7 +89,7 @@ class Studio:
         self.compiled.add("picture")
         return as_png(as_pixels(image, self.transfer))
 
-    def derivative(self, scene: Scene, name: str) -> tuple[bytes, Scale]:
+    def derivative(self, scene: Scene, name: str) -> tuple[bytes, ColorScale]:
         """The derivative by a number as PNG, the mean of R, G and B, and what its colours mean.
 
         It is differentiated by all sliders, of which one program is compiled.
@@ -112,13 +112,13 @@ class Studio:
             return file.getvalue()
 
 
-def scale_of(mean: Float[np.ndarray, "height width"], unit: str) -> Scale:
+def scale_of(mean: Float[np.ndarray, "height width"], unit: str) -> ColorScale:
     """The colour scale of a derivative, as on the sheets of `grad`; with 1 where nothing depends on it."""
     limit = scale_limit(mean[None]) or 1.0
     ticks = matplotlib.ticker.MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]).tick_values(-limit, limit)
     changed = np.abs(mean[mean != 0])
     beyond = float(np.mean(changed > limit)) if changed.size else 0.0
-    return Scale(limit, tuple(float(tick) + 0.0 for tick in ticks if abs(tick) <= limit), unit, beyond)
+    return ColorScale(limit, tuple(float(tick) + 0.0 for tick in ticks if abs(tick) <= limit), unit, beyond)
 
 
 def scale_colours(count: int = 33) -> list[str]:

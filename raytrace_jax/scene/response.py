@@ -182,7 +182,7 @@ def linear_effects(film: CameraResponse | None) -> tuple[str, ...]:
     return tuple(effect.name for effect in itertools.takewhile(lambda effect: effect.is_linear, reversed(active)))
 
 
-def reach(film: CameraResponse | None) -> float:
+def light_reach(film: CameraResponse | None) -> float:
     """The distance from which a pixel's light may come, in pixels of the whole picture; 0 if it is the pixel's own."""
     blur = film and film.blur
     return 0.0 if blur is None else 3 * float(blur)

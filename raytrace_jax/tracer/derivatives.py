@@ -15,7 +15,7 @@ from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.parameters import film_effects, get_parameter, resolve, scalar_names, set_parameters, with_film
 from raytrace_jax.scene.response import Frame, develop, without_idle
 from raytrace_jax.scene.scene import Scene, without_texels
-from raytrace_jax.tracer.pixels import Unknowns, picture_pixels, pixel_derivatives
+from raytrace_jax.tracer.pixels import SceneFunction, picture_pixels, pixel_derivatives
 from raytrace_jax.tracer.rendering import refuse_too_large, render
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
@@ -120,7 +120,7 @@ def develop_derivatives(
     jacobian: Float[Array, "parameters 3 height width"],
     y: Float[Array, " parameters"],
     scene: Scene,
-    unknowns: Unknowns,
+    unknowns: SceneFunction,
     frame: Frame,
 ) -> tuple[Float[Array, "3 height width"], Float[Array, "parameters 3 height width"]]:
     """A picture of light developed by a film, and its derivatives by all unknowns.

@@ -48,7 +48,7 @@ class PixelDerivatives(NamedTuple):
 
 
 @runtime_checkable
-class Unknowns(Protocol):
+class SceneFunction(Protocol):
     """A scene as a function of the numbers that it is differentiated by; hashable, as a program's static argument."""
 
     def moved(self, scene: Scene, y: Float[Array, " parameters"]) -> Scene:
@@ -162,7 +162,7 @@ def output_variables(traced: Trace, aov: tuple[str, ...]) -> dict[str, Array]:
 
 
 def pixel_derivatives(
-    y: Float[Array, " parameters"], scene: Scene, pixels: Pixels, unknowns: Unknowns, settings: ResolvedSettings
+    y: Float[Array, " parameters"], scene: Scene, pixels: Pixels, unknowns: SceneFunction, settings: ResolvedSettings
 ) -> PixelDerivatives:
     """Colours of pixels, before any film, and their derivatives in forward mode.
 
@@ -187,7 +187,7 @@ def pixel_derivatives(
 
 
 def prepare_derivatives(
-    y: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, settings: ResolvedSettings
+    y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings
 ) -> None:
     """Compile what `pixel_derivatives` will run, and run nothing."""
     rays, y = settings.of_rays, jnp.asarray(y)
@@ -197,7 +197,7 @@ def prepare_derivatives(
 
 @functools.partial(jit, static_argnames=("unknowns", "settings"))
 def differentiate_batches(
-    y: Float[Array, " parameters"], scene: Scene, batches: Batches, unknowns: Unknowns, settings: ResolvedSettings
+    y: Float[Array, " parameters"], scene: Scene, batches: Batches, unknowns: SceneFunction, settings: ResolvedSettings
 ) -> tuple[tuple[Array, Array, Array], Array]:
     """Trace and differentiate batches of pixels, which are spread over devices.
 

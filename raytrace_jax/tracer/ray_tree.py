@@ -29,8 +29,8 @@ from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import dot
 
-Kind = Literal["camera", "reflected", "transmitted"]
-KINDS: tuple[Kind, ...] = ("reflected", "transmitted")
+RayKind = Literal["camera", "reflected", "transmitted"]
+KINDS: tuple[RayKind, ...] = ("reflected", "transmitted")
 
 
 class RayNode(NamedTuple):
@@ -58,7 +58,7 @@ class RayNode(NamedTuple):
 
     number: int
     parent: int | None
-    kind: Kind
+    kind: RayKind
     bounce: int
     weight: float
     o: Float[np.ndarray, "3"]
@@ -232,7 +232,7 @@ def _as_nodes(
 ) -> tuple[tuple[RayNode, ...], int]:
     """The rays of all levels as nodes, and how many the last level wanted in vain."""
     nodes: list[RayNode] = []
-    origins: list[tuple[int | None, Kind]] = [(None, "camera")]
+    origins: list[tuple[int | None, RayKind]] = [(None, "camera")]
     dropped = 0
     for bounce, (traced, color) in enumerate(zip(levels, colors, strict=True)):
         # To numpy once a level: entries of arrays on a device are slow to take one by one.

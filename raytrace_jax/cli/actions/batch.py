@@ -14,7 +14,7 @@ from raytrace_jax.batch import cluster
 from raytrace_jax.batch.jobs import Job, expand, labelled
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
-from raytrace_jax.batch.run import Record, chunks, forget_failures, is_done, other_records, run_chunk, write_plan
+from raytrace_jax.batch.run import JobRecord, chunks, forget_failures, is_done, other_records, run_chunk, write_plan
 from raytrace_jax.batch.table import has_parquet, make_table, remove_tables, write_overview, write_table
 from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Batch
@@ -105,7 +105,7 @@ class BatchProgress(Shown[Progress]):
             words = "stopped; the same command goes on" if exception[0] else "ready"
             self.console.print(f"{self._counts()} in {duration(time.monotonic() - self.began)}, {words}")
 
-    def done(self, job: Job, record: Record) -> None:
+    def done(self, job: Job, record: JobRecord) -> None:
         """Count a job that has ended, and say how long the others will take."""
         self.waiting[job.kind] -= 1
         self.seconds[job.kind].append(record.seconds)

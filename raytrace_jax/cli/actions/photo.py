@@ -23,12 +23,12 @@ from raytrace_jax.inverse.assumptions import looks_like
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.result_file import estimate_rows, last_word
-from raytrace_jax.photo.boards import Board, read_board
+from raytrace_jax.photo.boards import CharucoBoard, read_board
 from raytrace_jax.photo.calibrate import calibrate
 from raytrace_jax.photo.cameras import COUNT, FOV, LENS
 from raytrace_jax.photo.find_camera import Photograph, photograph_of
 from raytrace_jax.photo.flattened import Flattened, flatten
-from raytrace_jax.photo.lens import Lens, Turn, read_lens, turned, uncalibrated, write_lens
+from raytrace_jax.photo.lens import LensPrior, Turn, read_lens, turned, uncalibrated, write_lens
 from raytrace_jax.photo.locate import Located, Together, locate_together
 from raytrace_jax.photo.opinions import AGREE, budget, joined, told_together
 from raytrace_jax.photo.outline import Disc
@@ -278,7 +278,9 @@ def _photographs(
         yield image, photograph_of(image, str(path), orientation_of(path))
 
 
-def _locate(command: Photo, photographs: Sequence[Photograph], board: Board, radius: tuple[float, float]) -> Together:
+def _locate(
+    command: Photo, photographs: Sequence[Photograph], board: CharucoBoard, radius: tuple[float, float]
+) -> Together:
     """Find cameras and ball with what is known of the lens: from a calibration, else from EXIF, else nothing."""
     ball = Disc(np.array(command.ball[:2], float), float(command.ball[2])) if command.ball else None
     path, first = command.photos[0], photographs[0]
@@ -304,5 +306,5 @@ def _angle_of_first(together: Together, photographs: Sequence[Photograph]) -> tu
     """The angle of view of the first photograph, and its error; another one may have been turned."""
     k, located = next(iter(together.located.items()))
     turn = Turn(photographs[0].size_on_sensor, photographs[k].orientation, photographs[0].orientation)
-    lens = turn.of(Lens(located.numbers[LENS], located.covariance[LENS, LENS]))
+    lens = turn.of(LensPrior(located.numbers[LENS], located.covariance[LENS, LENS]))
     return float(lens.mean[0]), float(np.sqrt(lens.covariance[0, 0]))

@@ -22,7 +22,7 @@ from raytrace_jax.cli.preparation import (
 )
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, label_frames, require_ffmpeg, write_animation
-from raytrace_jax.images.masks import bad_pixels, blackened, in_words
+from raytrace_jax.images.masks import bad_pixels, blackened
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.derivatives import DerivativeCheck, check_derivative, draw_gradients
 from raytrace_jax.report.films import how_made, screen_transfer, write_derivatives
@@ -72,7 +72,7 @@ def run_grad(command: Grad) -> int:
         image, values = np.asarray(found.image), np.asarray(found.values)
         bad = bad_pixels(image, values)
         if bad.any():
-            print_warning(f"{in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files.")
+            print_warning(f"{mask_in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files.")
             found = found._replace(image=blackened(image), values=blackened(values))
         write_derivatives(command.output, found, scene, settings, differences)
 

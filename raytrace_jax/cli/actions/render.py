@@ -9,7 +9,7 @@ from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.scenes import Render
 from raytrace_jax.cli.preparation import check_picture_path, read_picture_scene
 from raytrace_jax.cli.progress import Timer
-from raytrace_jax.images.masks import bad_pixels, blackened, in_words
+from raytrace_jax.images.masks import bad_pixels, blackened
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import how_made, screen_transfer, write_film
 from raytrace_jax.tracer.rendering import render
@@ -39,7 +39,7 @@ def run_render(command: Render) -> int:
         timer.took(work)
         bad = bad_pixels(image, *map(np.asarray, film.aov.values()))
         if bad.any():
-            print_warning(f"{in_words(bad, origin)}. They are black in the files.")
+            print_warning(f"{mask_in_words(bad, origin)}. They are black in the files.")
             image = blackened(image)
             aov = {name: jnp.asarray(blackened(np.asarray(values))) for name, values in film.aov.items()}
             film = dataclasses.replace(film, image=jnp.asarray(image), aov=aov)

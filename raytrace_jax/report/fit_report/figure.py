@@ -27,7 +27,7 @@ from raytrace_jax.report.panels import (
 )
 
 
-class Residual(NamedTuple):
+class ResidualMap(NamedTuple):
     """Fit minus target in units of 1/255: of each pixel's three differences the largest with its sign.
 
     Pixels that do not count are masked. The colour scale ends at `limit`; it `extends` if some pixels lie beyond.
@@ -38,16 +38,16 @@ class Residual(NamedTuple):
     extends: bool
 
 
-def residual_of(result: FitResult, image: np.ndarray) -> Residual:
+def residual_of(result: FitResult, image: np.ndarray) -> ResidualMap:
     """The signed residual of a fit's picture, with a scale that a few bright pixels at edges do not spoil."""
     difference = 255 * (image - result.pictures.target)
     worst = np.argmax(np.abs(difference), axis=0)[None]
     picture = np.ma.masked_where(result.pictures.weights == 0, np.take_along_axis(difference, worst, axis=0)[0])
     sizes = np.abs(picture.compressed())
     if not sizes.size:
-        return Residual(picture, 1.0, False)
+        return ResidualMap(picture, 1.0, False)
     limit = float(np.quantile(sizes, 0.995)) or float(sizes.max()) or 1.0
-    return Residual(picture, limit, bool(sizes.max() > limit))
+    return ResidualMap(picture, limit, bool(sizes.max() > limit))
 
 
 class Embedded(NamedTuple):

@@ -11,7 +11,7 @@ from raytrace_jax.inverse.noise import EVIDENCE
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report import summary
-from raytrace_jax.report.fit_report.figure import COLOURS, Embedded, Residual, Sheet, embed, residual_of
+from raytrace_jax.report.fit_report.figure import COLOURS, Embedded, ResidualMap, Sheet, embed, residual_of
 from raytrace_jax.report.fit_report.methods import methods_text, references
 from raytrace_jax.report.fit_report.summary import in_steps_of_8_bits, number_text, typeset
 from raytrace_jax.report.panels import SIGNED, as_pixels, page_template, signed_pixels
@@ -22,7 +22,7 @@ PROVENANCE = ("target", "target_size", "target_bytes", "target_sha256", "command
 POSITIVE, NEGATIVE = "178, 24, 43", "33, 102, 172"
 
 
-class Cell(NamedTuple):
+class PaddedNumber(NamedTuple):
     """A number of a column, moved to the left by `pad` digits for the column's decimal points to meet."""
 
     text: str
@@ -32,7 +32,7 @@ class Cell(NamedTuple):
 ROW = ("name", "start", "value", "error", "of_noise", "systematic", "bound", "prior", "depends_on")
 
 
-def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str | Cell]]:
+def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str | PaddedNumber]]:
     """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior and main dependence, by `ROW`."""
     priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
     dependences = {}
@@ -52,11 +52,13 @@ def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str 
     return [dict(zip(ROW, cells, strict=True)) for cells in columns]
 
 
-def _aligned(texts: list[str]) -> list[Cell]:
+def _aligned(texts: list[str]) -> list[PaddedNumber]:
     """Pad numbers, also with (error), such that their decimal points meet; a point is about half as wide as a digit."""
     plain = [re.fullmatch(r"−?\d+((?:\.\d+)?(?:\(\d+\))?)", text) for text in texts]
     widths = [len(match[1]) - 0.5 if match and match[1] else 0.0 for match in plain]
-    return [Cell(t, max(widths) - w if match else 0.0) for t, w, match in zip(texts, widths, plain, strict=True)]
+    return [
+        PaddedNumber(t, max(widths) - w if match else 0.0) for t, w, match in zip(texts, widths, plain, strict=True)
+    ]
 
 
 def correlation_rows(result: FitResult) -> list[tuple[str, list[tuple[str, str]]]]:
@@ -185,7 +187,7 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     return [*facts, ("target's samples", f"{samples} × {samples}", "a pixel, on a regular grid")]
 
 
-def _pictures(result: FitResult, residual: Residual | None) -> list[tuple[str, Embedded]]:
+def _pictures(result: FitResult, residual: ResidualMap | None) -> list[tuple[str, Embedded]]:
     """The pictures that there are; a fit that was stopped has not rendered all."""
     images = (("target", result.pictures.target), ("start", result.pictures.start), ("fit", result.pictures.estimate))
     transfer = screen_transfer(result.settings)
@@ -195,7 +197,7 @@ def _pictures(result: FitResult, residual: Residual | None) -> list[tuple[str, E
     return [*shown, ("fit − target", embed(Image.fromarray(signed_pixels(residual.picture, residual.limit))))]
 
 
-def _residual_scale(residual: Residual) -> dict[str, object]:
+def _residual_scale(residual: ResidualMap) -> dict[str, object]:
     """The colour bar of the residual: its stops, and what its ends say."""
     stops = SIGNED(np.linspace(0, 1, 11), bytes=True)[:, :3]
     limit = number_text(residual.limit)
