@@ -62,7 +62,12 @@ def run(number: int, case: str, folder: Path) -> dict:
         flat = flatten(images[0], located)
         room = room_scene(located, flat)
         options = FitOptions(
-            loss="cauchy", target_sampling="box", search=False, uncertain=room.uncertain, correlations=room.correlations
+            loss="cauchy",
+            target_sampling="box",
+            search=False,
+            blur=(0.0,),
+            uncertain=room.uncertain,
+            correlations=room.correlations,
         )
         settings = RenderSettings(crop=flat.grid.window)
         result = fit(room.scene, flat.image, FREE, settings, options, weights=flat.counts.astype(float))

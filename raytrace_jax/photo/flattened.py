@@ -14,7 +14,7 @@ from raytrace_jax.photo.locate import REACH, Located
 RIM = 1.04
 """The board is seen directly beyond this share of the outline's radius."""
 
-WIDTH, BALL_WIDTH = 1000, 190
+WIDTH, BALL_WIDTH = 1000, 144
 """About how many pixels wide the picture is in which the light on the board is looked at, and the ball in the fitted
 picture; more take longer and tell the same."""
 

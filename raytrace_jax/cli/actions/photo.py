@@ -166,7 +166,12 @@ def _nothing_located(together: Together) -> PictureError:
 def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScene, console: Console) -> int:
     """Fit the photograph's light, print what it says beside the corners, and write the report."""
     options = FitOptions(
-        loss="cauchy", target_sampling="box", search=False, uncertain=room.uncertain, correlations=room.correlations
+        loss="cauchy",
+        target_sampling="box",
+        search=False,
+        blur=(0.0,),
+        uncertain=room.uncertain,
+        correlations=room.correlations,
     )
     with FitProgress(scalar_names(room.scene, FREE), console) as show:
         result = fit(
