@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from raytrace_jax.errors import PictureWarning
 from raytrace_jax.images.jpeg import JpegStorage
+from raytrace_jax.images.masks import mask_in_words
 from raytrace_jax.inverse.build_problem import FitSetup, build_problem
 from raytrace_jax.inverse.candidates import unseen_balls, with_open
 from raytrace_jax.inverse.changes import pixels_to_check

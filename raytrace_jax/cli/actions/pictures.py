@@ -22,7 +22,7 @@ from raytrace_jax.cli.preparation import (
 )
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, label_frames, require_ffmpeg, write_animation
-from raytrace_jax.images.masks import bad_pixels, blackened
+from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.derivatives import DerivativeCheck, check_derivative, draw_gradients
 from raytrace_jax.report.films import how_made, screen_transfer, write_derivatives

@@ -9,7 +9,7 @@ from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.scenes import Render
 from raytrace_jax.cli.preparation import check_picture_path, read_picture_scene
 from raytrace_jax.cli.progress import Timer
-from raytrace_jax.images.masks import bad_pixels, blackened
+from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import how_made, screen_transfer, write_film
 from raytrace_jax.tracer.rendering import render
