@@ -42,11 +42,11 @@ WHITE = 0.8
 """Of saturation: how bright the brightest fiftieth of a photograph is."""
 
 HELD = {
-    21: ("post", 0.5, WHITE), 22: ("post", 1.0, WHITE), 23: ("tripod", 0.7, WHITE), 24: ("hand", 0.0, WHITE),
-    25: ("shadow", 0.5, WHITE), 26: ("post", 0.75, 1.15), 27: ("tripod", 0.5, 0.2), 28: ("hand", 0.0, 0.5),
+    21: ("post", 0.5, WHITE), 22: ("post", 0.35, WHITE), 23: ("tripod", 0.7, WHITE), 24: ("hand", 0.0, WHITE),
+    25: ("shadow", 0.5, WHITE), 26: ("post", 0.4, 1.15), 27: ("tripod", 0.5, 0.2), 28: ("hand", 0.0, 0.5),
     29: ("ring", 0.85, WHITE), 30: ("shadow", 0.5, 1.0),
 }  # fmt: skip
-"""What holds the ball in rooms above 20, how wide it is in radii, and how bright the photograph is, as `WHITE`."""
+"""What holds the ball in rooms above 20, half its width in radii, and how bright the photograph is, as `WHITE`."""
 
 
 def drawn(number: int) -> dict:
@@ -189,7 +189,7 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
 
 
 def held(holder: str, wide: float, radius: float, center, table: float, lamp) -> list[str]:
-    """What holds the ball, as wide as `wide` at its height, or throws a shadow beside it."""
+    """What holds the ball, `wide` to each side of its middle, or throws a shadow beside it."""
     foot = center - np.array([0, np.sqrt(max(radius**2 - wide**2, 0)), 0])
     ground = np.array([center[0], table, center[2]])
 
