@@ -106,7 +106,7 @@ def _eye(numbers, size: tuple[int, int], grid: PixelGrid) -> dict[str, Float[Arr
         "lookat": at + distance * turn[2],
         "up": -turn[1],
         "fov": jnp.rad2deg(2 * jnp.arctan(reach)),
-        "center": (principal_point(numbers, size) - np.array(grid.left) + 0.5) / grid.binning - 0.5,
+        "center": (principal_point(numbers, size) - np.array(grid.left, float) + 0.5) / grid.binning - 0.5,
         "distortion": numbers[K1 : K2 + 1],
     }
 
