@@ -432,7 +432,7 @@ def test_a_refused_photograph_says_where_the_ball_was_taken_to_be_and_it_can_be_
 def test_a_photograph_is_fitted_to_the_end_of_its_report(image, tmp_path, monkeypatch, capsys):
     write_png(tmp_path / "ball.png", image, transfer="srgb")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("raytrace_jax.cli.actions.photo.FitOptions", partial(FitOptions, max_steps=1))
+    monkeypatch.setattr("raytrace_jax.photo.room_scene.FitOptions", partial(FitOptions, max_steps=1))
     lengths = ["--radius", "20+-0.01mm", "--ruler", "100+-0.01mm"]
     board = str(write_board(tmp_path))
     assert main(["photo", "ball.png", "--board", board, *lengths, "-o", "out", "--fit"]) in (0, 3)

@@ -19,7 +19,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from raytrace_jax import FitOptions, RenderSettings, enable_compile_cache, fit, read_picture  # noqa: E402
+from raytrace_jax import RenderSettings, enable_compile_cache, fit, read_picture  # noqa: E402
 from raytrace_jax.errors import RaytraceError  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
 from raytrace_jax.photo.calibrate import calibrate  # noqa: E402
@@ -28,7 +28,7 @@ from raytrace_jax.photo.flattened import flatten  # noqa: E402
 from raytrace_jax.photo.lens import read_lens, uncalibrated, write_lens  # noqa: E402
 from raytrace_jax.photo.locate import locate_together  # noqa: E402
 from raytrace_jax.photo.opinions import joined  # noqa: E402
-from raytrace_jax.photo.room_scene import FREE, room_scene  # noqa: E402
+from raytrace_jax.photo.room_scene import FREE, light_options, room_scene  # noqa: E402
 from raytrace_jax.util.digits import with_error  # noqa: E402
 
 CASES = ("quick", "exact", "alone", "three", "fit")
@@ -61,14 +61,7 @@ def run(number: int, case: str, folder: Path) -> dict:
     if case == "fit":
         flat = flatten(images[0], located)
         room = room_scene(located, flat)
-        options = FitOptions(
-            loss="cauchy",
-            target_sampling="box",
-            search=False,
-            blur=(0.0,),
-            uncertain=room.uncertain,
-            correlations=room.correlations,
-        )
+        options = light_options(room)
         settings = RenderSettings(crop=flat.grid.window)
         result = fit(room.scene, flat.image, FREE, settings, options, weights=flat.counts.astype(float))
         found = result["ball.ior"]

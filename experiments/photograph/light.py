@@ -28,7 +28,7 @@ from chain import Chain, exposure, falloff, noisy  # noqa: E402
 from lab import EXACT, lens_of  # noqa: E402
 from rooms import SIZE, WHITE, board_of, rendered, room  # noqa: E402
 
-from raytrace_jax import FitOptions, RenderSettings, enable_compile_cache, fit, read_picture  # noqa: E402
+from raytrace_jax import RenderSettings, enable_compile_cache, fit, read_picture  # noqa: E402
 from raytrace_jax.photo import flattened  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
 from raytrace_jax.photo.bundle import BALL  # noqa: E402
@@ -36,7 +36,7 @@ from raytrace_jax.photo.cameras import COUNT  # noqa: E402
 from raytrace_jax.photo.find_camera import photograph_of  # noqa: E402
 from raytrace_jax.photo.locate import locate  # noqa: E402
 from raytrace_jax.photo.opinions import joined  # noqa: E402
-from raytrace_jax.photo.room_scene import FREE, room_scene  # noqa: E402
+from raytrace_jax.photo.room_scene import FREE, light_options, room_scene  # noqa: E402
 from raytrace_jax.util.digits import with_error  # noqa: E402
 
 CASES = ("as it is", "camera", "field", "mask", "veil", "all")
@@ -132,14 +132,7 @@ def run(number: int, case: str, folder: Path) -> dict:
         counts = flat.counts & ~np.asarray(ndimage.binary_dilation(hides, iterations=2), bool)
         flat = flat._replace(counts=counts, image=np.where(counts, flat.image, 0.0), through=flat.through & counts)
     scene = room_scene(located, flat)
-    options = FitOptions(
-        loss="cauchy",
-        target_sampling="box",
-        search=False,
-        blur=(0.0,),
-        uncertain=scene.uncertain,
-        correlations=scene.correlations,
-    )
+    options = light_options(scene)
     weights = flat.counts.astype(float)
     result = fit(scene.scene, flat.image, FREE, RenderSettings(crop=flat.grid.window), options, weights=weights)
     found, both = result["ball.ior"], joined(located, scene, result)

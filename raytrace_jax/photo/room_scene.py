@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.photo.bundle import BALL
 from raytrace_jax.photo.cameras import FOV, K1, K2, principal_point, rotation, viewpoint
 from raytrace_jax.photo.flattened import Flattened
@@ -47,6 +48,18 @@ class RoomScene(NamedTuple):
     uncertain: Mapping[str, float]
     correlations: Mapping[tuple[str, str], float]
     covariance: Float[np.ndarray, "numbers numbers"]
+
+
+def light_options(room: RoomScene) -> FitOptions:
+    """The options of a fit of the light: it starts unblurred, for the corners have led it near the answer."""
+    return FitOptions(
+        loss="cauchy",
+        target_sampling="box",
+        search=False,
+        blur=(0.0,),
+        uncertain=room.uncertain,
+        correlations=room.correlations,
+    )
 
 
 def room_scene(located: Located, flat: Flattened) -> RoomScene:

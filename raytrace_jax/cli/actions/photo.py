@@ -21,7 +21,6 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.pictures import is_photograph, read_picture, transfer_of_camera
 from raytrace_jax.inverse.assumptions import looks_like
 from raytrace_jax.inverse.estimate import fit
-from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.photo.boards import CharucoBoard, read_board
 from raytrace_jax.photo.calibrate import calibrate
@@ -32,7 +31,7 @@ from raytrace_jax.photo.lens import LensPrior, Turn, read_lens, turned, uncalibr
 from raytrace_jax.photo.locate import Located, Together, locate_together
 from raytrace_jax.photo.opinions import AGREE, budget, joined, told_together
 from raytrace_jax.photo.outline import Disc
-from raytrace_jax.photo.room_scene import FREE, RoomScene, room_scene
+from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene
 from raytrace_jax.photo.through_glass import RADIUS
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
@@ -160,14 +159,7 @@ def _ends(paths: Sequence[Path]) -> list[str]:
 
 def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScene, console: Console) -> int:
     """Fit the photograph's light, print what it says beside the corners, and write the report."""
-    options = FitOptions(
-        loss="cauchy",
-        target_sampling="box",
-        search=False,
-        blur=(0.0,),
-        uncertain=room.uncertain,
-        correlations=room.correlations,
-    )
+    options = light_options(room)
     settings, weights = RenderSettings(crop=flat.grid.window), flat.counts.astype(float)
     with FitProgress(scalar_names(room.scene, FREE), console) as show:
         told: dict[str, Any] = {"on_step": show.step, "on_phase": show.phase}
