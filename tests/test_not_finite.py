@@ -12,6 +12,7 @@ from linear_pictures import POINT, state_at
 from raytrace_jax import PictureError, PictureWarning
 from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
 from raytrace_jax.inverse.noise import explains
+from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.search import choose_levels, find_minima
 from raytrace_jax.inverse.solvers import gauss_newton, levenberg_marquardt
@@ -97,7 +98,7 @@ def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
 def minima_of(problem, monkeypatch, starts):
     monkeypatch.setattr("raytrace_jax.inverse.search.find_starts", lambda *_: list(map(np.asarray, starts)))
     recorder = Recorder(problem, None, None, None)
-    return find_minima(problem, choose_levels(problem, (0.0,)), "point", True, recorder)
+    return find_minima(problem, choose_levels(problem, FitOptions(blur=(0.0,))), "point", True, recorder)
 
 
 def test_a_start_whose_picture_is_broken_is_left_out_with_a_warning(monkeypatch):

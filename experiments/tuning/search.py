@@ -41,7 +41,7 @@ def outcome(bench: Bench, count: int) -> list[str]:
         problem, recorder = bench.problem(start, bench.noisy(number), FitOptions())
         phases: list[str] = []
         recorder.on_phase = phases.append
-        found = find_minima(problem, choose_levels(problem, None), "aware", True, recorder)
+        found = find_minima(problem, choose_levels(problem, FitOptions()), "aware", True, recorder)
         there += problem.scaled_distance(found[0].summary.value, bench.truth) < NEAR_TRUTH
         explained += found[0].summary.explained
         minima += len(found)

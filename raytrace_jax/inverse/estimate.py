@@ -91,7 +91,7 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
     """Run all stages of a fit; the recorder keeps what each finds."""
     # The answer: minima of small pictures, and the best of them on the whole picture.
     problem = setup.problem
-    levels, detect = choose_levels(problem, options.blur), cached_detection(problem)
+    levels, detect = choose_levels(problem, options), cached_detection(problem)
     prepare_search(problem, levels, options, recorder, ahead)
     minima = find_minima(
         problem,

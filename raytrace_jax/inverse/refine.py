@@ -100,11 +100,11 @@ def first_stage(stage: Stage) -> Stage:
 def refine_aware(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder) -> FitState:
     """Solve an edge-aware picture; then correct it by samples like the target's, unless that is edge-aware itself."""
     stage = options.last_stage
-    if options.known_sampling == "aware":
-        return solve_in_stages(problem, y, stage, options.sigma, recorder)
-    # Corrections move the answer by more than a hundredth of an error bar.
+    # What the picture cannot explain, and corrections, move the answer by more than a hundredth of an error bar.
     rough = dataclasses.replace(stage, relative=1e-6, decrease=1e-4, rejected=1)
     solution = solve_in_stages(problem, y, rough, options.sigma, recorder)
+    if options.known_sampling == "aware":
+        return solve_in_stages(problem, solution.y, stage, options.sigma, recorder) if explains(solution) else solution
     samples, coarse = options.target_samples, None
     # Tell the target's grid of samples, of which a lossy file leaves nothing.
     if samples is None and problem.storage is None:

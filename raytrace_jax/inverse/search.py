@@ -12,7 +12,7 @@ from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import blurred
 from raytrace_jax.inverse.candidates import groups, table
 from raytrace_jax.inverse.forward import develop_best
-from raytrace_jax.inverse.options import Stage
+from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.solvers import levenberg_marquardt
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder
@@ -45,7 +45,7 @@ class Levels:
 
     Args:
         binning: size of the small pictures' pixels in those of the target: those by which minima are compared.
-        blurs: standard deviations of the levels, coarse to fine, in pixels of the target; the last is 0.
+        blurs: standard deviations of the levels, coarse to fine, in pixels of the target; the last is 0, if any.
     """
 
     binning: int
@@ -56,14 +56,19 @@ class Levels:
         return max(1, min(2 * self.binning, int(blur))) if blur > 0 else self.binning
 
 
-def choose_levels(problem: Problem, blurs: Sequence[float] | None) -> Levels:
-    """The levels on small pictures: those asked for, or those that suit the target's size."""
+def choose_levels(problem: Problem, options: FitOptions) -> Levels:
+    """The levels on small pictures: those asked for, or those that suit the target's size.
+
+    There are none where one start is to be solved without blur: that is the whole picture's own solve.
+    """
     # About 160 x 120, a step of which takes a sixteenth of one at 640 x 480.
     binning = binning_to(problem, 20_000)
-    if blurs is None:
+    if options.blur is None:
         # From a twentieth of the width on. Half and double, and none at all, lead to the truth too, none in more steps.
         return Levels(binning, (*(binning * blur for blur in (8.0, 4.0, 2.0)), 0.0))
-    blurs = tuple(blur for blur in blurs if blur > 0)
+    blurs = tuple(blur for blur in options.blur if blur > 0)
+    if not (blurs or options.search or options.known_sampling == "auto"):
+        return Levels(1, ())
     # Edge-aware pixels stand for their whole area, so that they may be as large as the blur.
     return Levels(max(1, min(binning, int(min(blurs, default=0)))), (*blurs, 0.0))
 
@@ -88,7 +93,7 @@ def descend(
     level than a minimum that explains the picture.
     """
     y = problem.array(problem.unknowns.unknowns(start))
-    state = FitState.at(problem, y, Stage(edges, binning=levels.binning_at(max(levels.blurs))))
+    state = FitState.at(problem, y, Stage(edges, binning=levels.binning_at(max(levels.blurs, default=0.0))))
     for level, blur in enumerate(levels.blurs):
         # Leave out a level whose blur takes away what is still off from here.
         if blur > 0 and signal_left(state, blur) < LEAST_SIGNAL:
@@ -250,7 +255,7 @@ def find_minima(
             continue
         # Put its minimum among the others; the best so far is the answer if the fit is stopped.
         is_first = not minima
-        minima = with_minimum(problem, minima, LocalMinimum.of(state, candidate, len(levels.blurs) - 1))
+        minima = with_minimum(problem, minima, LocalMinimum.of(state, candidate, max(len(levels.blurs) - 1, 0)))
         recorder.found(answer=minima[0].y)
         if is_first:
             on_first(minima[0])

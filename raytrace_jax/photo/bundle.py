@@ -19,12 +19,10 @@ from raytrace_jax.util.numerics import TINY
 ROBUST = 2.5
 """A corner that is off by more standard deviations counts less; in the last round none counts that is twice as far."""
 
-TRUE_TO = 0.03
-"""Corners are believed to so many pixels at best, beside their patch's own spread.
-
-Prints are no truer, and what moves one corner, a reflection or the shape of the blur, moves its neighbours too. In
-rooms by POV-Ray corners scatter by 0.01, and by 0.02 through the glass; without this an index was off by 2.5 of its
-errors."""
+TRUE_TO = 0.015
+"""Corners are believed to so many pixels at best, beside their patch's own spread, for what moves one corner, a
+reflection or the shape of the blur, moves its neighbours too. In rooms by POV-Ray .01 to .02 do the same; with .03 good
+corners count for too little, and errors are too large."""
 
 ROUNDS = 6
 """How often the weights follow the misses, with a least-squares search each time."""

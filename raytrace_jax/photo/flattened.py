@@ -18,7 +18,7 @@ WIDTH, BALL_WIDTH = 1000, 144
 """About how many pixels wide the picture is in which the light on the board is looked at, and the ball in the fitted
 picture; more take longer and tell the same."""
 
-AROUND = 1.25
+AROUND = 1.12
 """The fitted picture reaches this far, in radii of the outline; some board tells exposure and blur."""
 
 PURE = 0.02

@@ -36,16 +36,22 @@ GROWTH, STEP, LEAST_SCORE = 1.07, 0.15, 0.4
 """Radii that are tried grow by the first factor, middles are this share of the least radius apart, and discs count
 whose inside is hidden by so much more than half of what is around them."""
 
-MOST, APART = 6, 0.3
-"""So many discs are told; their middles are so many radii apart, or their radii differ by this share."""
+STARTS, MOST, APART = 12, 6, 0.15
+"""So many circles are fitted, and so many discs are told at most; their middles are so many radii apart, or their radii
+differ by this share."""
+
+
+BORDER = 0.75
+"""A disc ends where less than this share is hidden: what is hidden was blurred, which makes it larger."""
+
+NEAR, LEAST_SEEN = 0.03, 8
+"""Borders that are nearer to a circle than this share of its radius are its own; of the 32 directions in which they are
+looked for fewer than the second number do not tell a circle."""
 
 
 class NoBall(PictureError):
     """A photograph in which no ball is found."""
 
-
-FILLING = (np.arange(24) + 0.5) / 24
-"""Radii at which the inside of a disc is looked at."""
 
 ANGLES = np.arange(32) * (2 * np.pi / 32)
 TOWARD = np.stack([np.cos(ANGLES), np.sin(ANGLES)], -1)
@@ -105,9 +111,12 @@ def find_discs(
     scores = _scores(hidden * known, known, circles)
 
     # The best one of each place is fitted to the ragged outline of what differs.
-    starts = _distinct(circles[np.argsort(-scores)][: np.sum(scores > LEAST_SCORE)])
+    starts = _distinct(circles[np.argsort(-scores)][: np.sum(scores > LEAST_SCORE)], STARTS)
     sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / HIDDEN, 1)
-    discs = _distinct([_fitted(one, sharp, known) for one in starts])
+    fitted = [_fitted(one, sharp) for one in starts]
+    # A hand's own outline may tell a circle about as well as the ball's: what is seen through it decides.
+    enough = max(LEAST_SEEN, 0.5 * max((count for count, _ in fitted), default=0))
+    discs = _distinct([one for count, one in sorted(fitted, key=lambda one: -one[0]) if count >= enough], MOST)
     if not discs:
         raise NoBall(
             f"{name}: there is no ball before the board: nothing hides it in a disc of a radius of "
@@ -131,46 +140,46 @@ def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"]):
     ]
 
 
-def _distinct(circles: Iterable[Float[np.ndarray, "3"]]) -> list[Float[np.ndarray, "3"]]:
-    """The first of circles that are not about the same as one before."""
+def _distinct(circles: Iterable[Float[np.ndarray, "3"]], most: int) -> list[Float[np.ndarray, "3"]]:
+    """The first of circles that are not about the same as one before, so many at most."""
     kept: list[np.ndarray] = []
     for circle in circles:
         is_new = all(
             np.hypot(*(circle[:2] - one[:2])) > APART * one[2] or abs(np.log(circle[2] / one[2])) > APART
             for one in kept
         )
-        if is_new and len(kept) < MOST:
+        if is_new and len(kept) < most:
             kept.append(circle)
     return kept
 
 
-def _fitted(circle: Float[np.ndarray, "3"], hidden, known) -> Float[np.ndarray, "3"]:
-    """The circle nearby that holds most of what is hidden and least of what is not, which count alike.
+def _fitted(
+    circle: Float[np.ndarray, "3"], hidden: Float[np.ndarray, "height width"]
+) -> tuple[int, Float[np.ndarray, "3"]]:
+    """The circle nearby at which most of what is hidden ends, and in how many directions it does.
 
-    Where much is hidden around it too, something holds the ball, and the border there is not looked for: the circle is
-    fitted again without these directions.
+    Along each direction the end that is nearest to the circle counts. A post or a hand has none nearby, or one that is
+    an outlier to the others: the circle is told by what is left, be it half of all directions.
     """
-    whole = balance = known * (hidden - 0.5)
-    row, column = np.indices(hidden.shape)
-    for _ in range(2):
+    shares, count = np.arange(0.8, 1.25, 0.01), 0
+    for _ in range(4):
+        # The ends: hidden here, and no more at the next step outwards.
+        places = circle[:2] + circle[2] * shares[:, None, None] * TOWARD
+        is_hidden = ndimage.map_coordinates(hidden, np.moveaxis(places, -1, 0)[::-1], order=1) > BORDER
+        ends = is_hidden[:-1] & ~is_hidden[1:]
+        off = np.where(ends, np.abs(shares[:-1, None] + 0.005 - 1), np.inf)
+        nearest, side = np.argmin(off, axis=0), np.arange(len(TOWARD))
+        seen = np.isfinite(off[nearest, side])
+        if np.sum(seen) < LEAST_SEEN:
+            return 0, circle
+        border = (places[nearest, side] + places[nearest + 1, side])[seen] / 2
 
-        def unlike(x: Float[np.ndarray, "3"], start=circle, balance=balance) -> float:
-            growth = np.log(max(x[2], 1.0) / start[2])
-            places = x[:2] + x[2] * FILLING[:, None, None] * TOWARD
-            inside = ndimage.map_coordinates(balance, np.moveaxis(places, -1, 0)[::-1], order=1)
-            is_far = max(abs(growth) - 0.4, 0)
-            return float(-np.exp(2 * growth) * (inside.mean(axis=1) @ FILLING) + is_far * len(FILLING))
+        def misses(x: Float[np.ndarray, "3"], border=border, scale=NEAR * circle[2]):
+            return (np.hypot(*(border - x[:2]).T) - x[2]) / scale
 
-        simplex = circle + circle[2] * np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
-        options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-4}
-        circle = optimize.minimize(unlike, circle, method="Nelder-Mead", options=options).x
-        beyond = circle[:2] + circle[2] * AROUND[:, None, None] * TOWARD
-        around = ndimage.map_coordinates(hidden * known, np.moveaxis(beyond, -1, 0)[::-1], order=1).mean(axis=0)
-        if np.sum(is_held := around > 0.5) > len(TOWARD) // 2:
-            break
-        sector = np.round(np.arctan2(row - circle[1], column - circle[0]) / ANGLES[1]).astype(int) % len(TOWARD)
-        balance = np.where(is_held[sector], 0.0, whole)
-    return circle
+        found = optimize.least_squares(misses, circle, loss="cauchy")
+        circle, count = found.x, int(np.sum(np.abs(misses(found.x)) < 1))
+    return count, circle
 
 
 def _scores(
