@@ -386,6 +386,10 @@ POSTS = {
     "a thick bright": lambda column, row: {0.8: (np.abs(column - 338) < 16) & (row > 268)},
     "a thin grey": lambda column, row: {0.5: (np.abs(column - 339) < 5) & (row > 262)},
     "a ring's": lambda column, row: {0.1: (np.abs(column - 337) < 22) & (np.abs(row - 273) < 6)},
+    "a hand's": lambda column, row: {
+        0.5: (np.abs(np.abs(column - 337) - 39) < 5) & (row > 246) & (row < 292)
+        | (np.abs(column - 337) < np.where(row < 300, 44, 16)) & (row > 288)
+    },
 }
 
 

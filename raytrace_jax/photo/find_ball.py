@@ -34,8 +34,8 @@ LEAST_ALIKE, SURELY_ALIKE = 0.35, 0.6
 INDICES = np.arange(1.2, 2.25, 0.02)
 """Indices of the scan."""
 
-FARTHER = np.arange(-0.03, 0.031, 0.01)
-"""The scan moves the ball farther away by these shares of its distance, for the outline tells it to some per cent."""
+FARTHER = np.arange(-0.03, 0.051, 0.01)
+"""The scan moves the ball farther away by these shares of its distance, for an outline is some per cent too large."""
 
 ASIDE = (0.0, -0.04, 0.04)
 """The quick look moves the ball by so many radii, for what holds it may shift its outline."""

@@ -36,22 +36,20 @@ GROWTH, STEP, LEAST_SCORE = 1.07, 0.15, 0.4
 """Radii that are tried grow by the first factor, middles are this share of the least radius apart, and discs count
 whose inside is hidden by so much more than half of what is around them."""
 
-STARTS, MOST, APART = 12, 6, 0.15
-"""So many circles are fitted, and so many discs are told at most; their middles are so many radii apart, or their radii
-differ by this share."""
+MOST = 6
+"""So many discs are told at most."""
 
-
-BORDER = 0.75
-"""A disc ends where less than this share is hidden: what is hidden was blurred, which makes it larger."""
-
-NEAR, LEAST_SEEN = 0.03, 8
-"""Borders that are nearer to a circle than this share of its radius are its own; of the 32 directions in which they are
-looked for fewer than the second number do not tell a circle."""
+BORDER, LEAST_SEEN = 0.75, 8
+"""A disc ends where less than this share is hidden, for what is hidden was blurred; of the 32 directions in which that
+is looked for fewer than the second number do not tell a circle."""
 
 
 class NoBall(PictureError):
     """A photograph in which no ball is found."""
 
+
+FILLING = (np.arange(24) + 0.5) / 24
+"""Radii at which the inside of a disc is looked at."""
 
 ANGLES = np.arange(32) * (2 * np.pi / 32)
 TOWARD = np.stack([np.cos(ANGLES), np.sin(ANGLES)], -1)
@@ -110,13 +108,13 @@ def find_discs(
     circles = circles[circles[:, 2] < np.tile(high[row, column], len(growth))]
     scores = _scores(hidden * known, known, circles)
 
-    # The best one of each place is fitted to the ragged outline of what differs.
-    starts = _distinct(circles[np.argsort(-scores)][: np.sum(scores > LEAST_SCORE)], STARTS)
+    # The best one of each place is fitted to the ragged outline of what differs. Amid fingers that is no disc: there
+    # the border tells one, so that those of which most directions tell a border are discs as well.
+    order = circles[np.argsort(-scores)][: np.sum(scores > LEAST_SCORE)]
     sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / HIDDEN, 1)
-    fitted = [_fitted(one, sharp) for one in starts]
-    # A hand's own outline may tell a circle about as well as the ball's: what is seen through it decides.
-    enough = max(LEAST_SEEN, 0.5 * max((count for count, _ in fitted), default=0))
-    discs = _distinct([one for count, one in sorted(fitted, key=lambda one: -one[0]) if count >= enough], MOST)
+    filled = [_fitted(one, sharp, known) for one in _distinct(order, 0.3, MOST)]
+    bordered = sorted((_bordered(one, sharp) for one in _distinct(order, 0.15, 2 * MOST)), key=lambda one: -one[0])
+    discs = _distinct([*_distinct(filled, 0.3, MOST), *(one for count, one in bordered[:3] if count)], 0.1, MOST)
     if not discs:
         raise NoBall(
             f"{name}: there is no ball before the board: nothing hides it in a disc of a radius of "
@@ -140,12 +138,12 @@ def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"]):
     ]
 
 
-def _distinct(circles: Iterable[Float[np.ndarray, "3"]], most: int) -> list[Float[np.ndarray, "3"]]:
-    """The first of circles that are not about the same as one before, so many at most."""
+def _distinct(circles: Iterable[Float[np.ndarray, "3"]], apart: float, most: int) -> list[Float[np.ndarray, "3"]]:
+    """The first of circles whose middles, in radii, or radii, as a share, are so far apart from all before."""
     kept: list[np.ndarray] = []
     for circle in circles:
         is_new = all(
-            np.hypot(*(circle[:2] - one[:2])) > APART * one[2] or abs(np.log(circle[2] / one[2])) > APART
+            np.hypot(*(circle[:2] - one[:2])) > apart * one[2] or abs(np.log(circle[2] / one[2])) > apart
             for one in kept
         )
         if is_new and len(kept) < most:
@@ -153,7 +151,36 @@ def _distinct(circles: Iterable[Float[np.ndarray, "3"]], most: int) -> list[Floa
     return kept
 
 
-def _fitted(
+def _fitted(circle: Float[np.ndarray, "3"], hidden, known) -> Float[np.ndarray, "3"]:
+    """The circle nearby that holds most of what is hidden and least of what is not, which count alike.
+
+    Where much is hidden around it too, something holds the ball, and the border there is not looked for: the circle is
+    fitted again without these directions.
+    """
+    whole = balance = known * (hidden - 0.5)
+    row, column = np.indices(hidden.shape)
+    for _ in range(2):
+
+        def unlike(x: Float[np.ndarray, "3"], start=circle, balance=balance) -> float:
+            growth = np.log(max(x[2], 1.0) / start[2])
+            places = x[:2] + x[2] * FILLING[:, None, None] * TOWARD
+            inside = ndimage.map_coordinates(balance, np.moveaxis(places, -1, 0)[::-1], order=1)
+            is_far = max(abs(growth) - 0.4, 0)
+            return float(-np.exp(2 * growth) * (inside.mean(axis=1) @ FILLING) + is_far * len(FILLING))
+
+        simplex = circle + circle[2] * np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+        options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-4}
+        circle = optimize.minimize(unlike, circle, method="Nelder-Mead", options=options).x
+        beyond = circle[:2] + circle[2] * AROUND[:, None, None] * TOWARD
+        around = ndimage.map_coordinates(hidden * known, np.moveaxis(beyond, -1, 0)[::-1], order=1).mean(axis=0)
+        if np.sum(is_held := around > 0.5) > len(TOWARD) // 2:
+            break
+        sector = np.round(np.arctan2(row - circle[1], column - circle[0]) / ANGLES[1]).astype(int) % len(TOWARD)
+        balance = np.where(is_held[sector], 0.0, whole)
+    return circle
+
+
+def _bordered(
     circle: Float[np.ndarray, "3"], hidden: Float[np.ndarray, "height width"]
 ) -> tuple[int, Float[np.ndarray, "3"]]:
     """The circle nearby at which most of what is hidden ends, and in how many directions it does.
@@ -174,7 +201,7 @@ def _fitted(
             return 0, circle
         border = (places[nearest, side] + places[nearest + 1, side])[seen] / 2
 
-        def misses(x: Float[np.ndarray, "3"], border=border, scale=NEAR * circle[2]):
+        def misses(x: Float[np.ndarray, "3"], border=border, scale=0.03 * circle[2]):
             return (np.hypot(*(border - x[:2]).T) - x[2]) / scale
 
         found = optimize.least_squares(misses, circle, loss="cauchy")
