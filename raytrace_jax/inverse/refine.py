@@ -98,9 +98,12 @@ def first_stage(stage: Stage) -> Stage:
 
 
 def refine_aware(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder) -> FitState:
-    """Solve an edge-aware picture; then correct it by samples like the target's, unless that is edge-aware itself."""
+    """Solve an edge-aware picture; then correct it by samples like the target's, unless that is edge-aware itself.
+
+    A target that is, and that the picture does not explain, is solved roughly: its structure moves the answer more.
+    """
     stage = options.last_stage
-    # What the picture cannot explain, and corrections, move the answer by more than a hundredth of an error bar.
+    # Corrections, and what is not explained, move the answer by more than a hundredth of an error bar.
     rough = dataclasses.replace(stage, relative=1e-6, decrease=1e-4, rejected=1)
     solution = solve_in_stages(problem, y, rough, options.sigma, recorder)
     if options.known_sampling == "aware":

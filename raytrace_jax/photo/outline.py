@@ -108,8 +108,8 @@ def find_discs(
     circles = circles[circles[:, 2] < np.tile(high[row, column], len(growth))]
     scores = _scores(hidden * known, known, circles)
 
-    # The best one of each place is fitted to the ragged outline of what differs. Amid fingers that is no disc: there
-    # the border tells one, so that those of which most directions tell a border are discs as well.
+    # The best one of each place is fitted to the ragged outline of what differs. Amid fingers that outline is not the
+    # ball's: there the circles count along which what is hidden ends in most directions.
     order = circles[np.argsort(-scores)][: np.sum(scores > LEAST_SCORE)]
     sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / HIDDEN, 1)
     filled = [_fitted(one, sharp, known) for one in _distinct(order, 0.3, MOST)]
@@ -139,7 +139,7 @@ def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"]):
 
 
 def _distinct(circles: Iterable[Float[np.ndarray, "3"]], apart: float, most: int) -> list[Float[np.ndarray, "3"]]:
-    """The first of circles whose middles, in radii, or radii, as a share, are so far apart from all before."""
+    """The first of circles, of which no two have middles and radii nearer to each other than that share of a radius."""
     kept: list[np.ndarray] = []
     for circle in circles:
         is_new = all(
