@@ -28,7 +28,7 @@ from raytrace_jax.images.exif import TURNS
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import read_board
-from raytrace_jax.photo.bundle import Corners, PhotoView
+from raytrace_jax.photo.bundle import TRUE_TO, Corners, PhotoView
 from raytrace_jax.photo.calibrate import calibrate
 from raytrace_jax.photo.find_ball import find_ball
 from raytrace_jax.photo.find_camera import FoundCamera, photograph_of, step_scales
@@ -189,8 +189,8 @@ def test_the_index_and_the_place_of_the_ball_are_found_within_their_errors(locat
     assert np.all(np.abs(off) < 4 * errors) and np.all(np.abs(off) < 1), "millimetres, of 262 to the camera"
     assert located.numbers[15] == RADIUS and located.covariance[15, 15] == 0, "it is known exactly"
     assert len(located.direct.pixels) > 50 and len(located.through.pixels) > 20
-    # The noise moves a corner by hundredths of a pixel; at most 0.03 is believed (`bundle.TRUE_TO`).
-    assert 0.03 <= located.sigma[0] < 0.06 and 0.03 <= located.sigma[1] < 0.1
+    # The noise moves a corner by hundredths of a pixel, and none is believed to less than `TRUE_TO`.
+    assert TRUE_TO <= located.sigma[0] < 0.06 and TRUE_TO <= located.sigma[1] < 0.1
     assert abs(located.blur - BLUR) <= 0.25, "the next of `alignment.BLURS`; a pixel's own width adds to it"
 
 

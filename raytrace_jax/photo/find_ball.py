@@ -18,8 +18,9 @@ from raytrace_jax.photo.grids import PixelGrid
 from raytrace_jax.photo.outline import Disc, NoBall
 from raytrace_jax.photo.sight import Sight
 
-BALL_WIDTH = 56
-"""About how many pixels wide the ball is where its index is looked for."""
+BALL_WIDTHS = (56, 130)
+"""About how many pixels wide the ball is where its index is looked for. The second is taken where the first shows the
+board in no disc surely: through a ball that stands far from a large board many small squares are seen."""
 
 MOST_STARTS, APART, LESS_ALIKE = 4, 0.06, 0.2
 """So many of the scan's places are refined, whose indices differ by more than this, so that they are not all in one
@@ -67,14 +68,17 @@ def find_ball(
         PictureError: the board is seen through two.
     """
     # A quick look says which are likely; the first that shows the board well is the ball.
-    trials = [_Trial(light, board, numbers, blur, disc) for disc in discs]
-    glance = [one.glance() for one in trials]
-    order = np.argsort(-np.array(glance))
+    glance: list[float] = []
     found: list[tuple[float, Disc, Float[np.ndarray, " numbers"]]] = []
-    for k in order:
-        alike, candidate = trials[k].best()
-        found.append((alike, discs[k], candidate))
-        if alike > SURELY_ALIKE:
+    for width in BALL_WIDTHS:
+        trials = [_Trial(light, board, numbers, blur, disc, width) for disc in discs]
+        glance = [one.glance() for one in trials]
+        for k in np.argsort(-np.array(glance)):
+            alike, candidate = trials[k].best()
+            found.append((alike, discs[k], candidate))
+            if alike > SURELY_ALIKE:
+                break
+        if found[-1][0] > SURELY_ALIKE:
             break
     alike, first, best = max(found, key=lambda one: one[0])
     if alike < LEAST_ALIKE:
@@ -83,11 +87,11 @@ def find_ball(
             f"{name}: what is seen through the ball {how}: put the ball so that some squares are seen through it, "
             "upright or upside down; is its radius right?"
         )
-    for k in order:
-        is_beside = np.hypot(*(discs[k].center - first.center)) > discs[k].radius + first.radius
-        if is_beside and glance[k] > LEAST_ALIKE:
+    for disc, looks in zip(discs, glance, strict=True):
+        is_beside = np.hypot(*(disc.center - first.center)) > disc.radius + first.radius
+        if is_beside and looks > LEAST_ALIKE:
             raise PictureError(
-                f"{name}: the board is seen through two balls, at {first}, and at {discs[k]}; one is wanted, or --ball "
+                f"{name}: the board is seen through two balls, at {first}, and at {disc}; one is wanted, or --ball "
                 "to say which."
             )
     return best
@@ -99,11 +103,13 @@ class _Trial:
     A candidate has an index, and is moved along the line of sight and aside, which the outline tells less well.
     """
 
-    def __init__(self, light, board: CharucoBoard, numbers: Float[np.ndarray, " numbers"], blur: float, disc: Disc):
+    def __init__(
+        self, light, board: CharucoBoard, numbers: Float[np.ndarray, " numbers"], blur: float, disc: Disc, width: int
+    ):
         self.size = (light.shape[1], light.shape[0])
         self.board, self.blur, self.start = board, blur, np.array(numbers)
         self.start[BALL.start + 1 : BALL.start + 4] = center_of(numbers, self.size, disc)
-        grid = PixelGrid.of(self.size, max(1, round(2 * disc.radius / BALL_WIDTH)))
+        grid = PixelGrid.of(self.size, max(1, round(2 * disc.radius / width)))
         self.grid = grid.around(disc.center, disc.radius)
         self.picture = self.grid.parts(light[None]).mean(axis=-1)[0]
         self.eye = Sight(self.start, self.size).viewpoint
