@@ -1,19 +1,22 @@
 """Pictures whose numbers are not sRGB's: what their files say of curves and primaries is obeyed, or refused."""
 
+import contextlib
 import io
 import struct
 import zlib
 
 import numpy as np
 import OpenEXR
+import OpenImageIO as oiio
 import pytest
 from PIL import Image, ImageCms
+from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from raytrace_jax import PictureError, PictureWarning, read_picture, write_png
 from raytrace_jax.images.icc import SRGB_TO_XYZ, read_profile
 from raytrace_jax.images.pictures import states_colours
 from raytrace_jax.images.png import HEADER_END, png_chunk
-from raytrace_jax.images.transfer import DECODERS, REC_709, encode_srgb, rgb_to_xyz, to_rec_709
+from raytrace_jax.images.transfer import DECODERS, LINEAR_SPACES, REC_709, XYZ, encode_srgb, rgb_to_xyz, to_rec_709
 
 LIGHT = np.random.default_rng(7).uniform(0.05, 0.8, size=(5, 7, 3))
 ADOBE = np.array([[0.60974, 0.20528, 0.14919], [0.31111, 0.62567, 0.06322], [0.01947, 0.06087, 0.74457]])
@@ -154,22 +157,150 @@ def test_a_profile_that_is_not_understood_is_refused_unless_told(suffix, icc, wo
     np.testing.assert_allclose(np.moveaxis(found, 0, -1), DECODERS["srgb"](np.round(65535 * LIGHT), 65535), atol=5e-3)
 
 
-@pytest.mark.parametrize("primaries", [AP0, P3, BT_2020])
+def exr_part(light, name="", **header):
+    """A part of an OpenEXR file whose header says this, of numbers "height width 3"."""
+    channels = {channel: np.ascontiguousarray(light[..., k], np.float32) for k, channel in enumerate("RGB")}
+    return OpenEXR.Part({"type": OpenEXR.scanlineimage, **header}, channels, name)
+
+
+@pytest.mark.parametrize("primaries", [AP0, P3, BT_2020, XYZ])
 def test_the_light_of_an_exr_in_other_primaries_is_the_same_light(primaries, tmp_path):
     rgb = np.moveaxis(LIGHT, -1, 0)
-    stored = np.tensordot(np.linalg.solve(rgb_to_xyz(primaries), rgb_to_xyz(REC_709)), rgb, 1).astype(np.float32)
-    header = {"type": OpenEXR.scanlineimage, "chromaticities": primaries}
-    OpenEXR.File(header, {name: np.ascontiguousarray(c) for name, c in zip("RGB", stored, strict=True)}).write(
-        str(tmp_path / "a.exr")
-    )
+    stored = LIGHT @ np.linalg.solve(rgb_to_xyz(primaries), rgb_to_xyz(REC_709)).T
+    OpenEXR.File([exr_part(stored, chromaticities=primaries)]).write(str(tmp_path / "a.exr"))
     with pytest.warns(PictureWarning, match="its light is converted to Rec. 709"):
         found = read_picture(tmp_path / "a.exr")
     np.testing.assert_allclose(found, rgb, atol=2e-6)
 
 
+def converted(space):
+    """The light as OpenImageIO converts it to a space by its id."""
+    light = np.ascontiguousarray(LIGHT, np.float32)
+    found = oiio.ImageBufAlgo.colorconvert(oiio.ImageBuf(light), "lin_rec709_scene", space)
+    assert not found.has_error, found.geterror()
+    return found.get_pixels(oiio.FLOAT)
+
+
+OTHERS = {"chromaticities": BT_2020}
+STALE = "and has the chromaticities of others"
+CONVERTED = "its primaries are others"
+
+
+@pytest.mark.parametrize(
+    ("space", "header", "words"),
+    [
+        *((space, {"colorInteropID": space}, [CONVERTED]) for space in LINEAR_SPACES if space != "lin_rec709_scene"),
+        ("lin_rec709_scene", {"colorInteropID": "lin_rec709_scene", "chromaticities": REC_709}, []),
+        ("lin_rec709_scene", {"colorInteropID": "lin_rec709_scene", **OTHERS}, [STALE]),
+        ("lin_ap1_scene", {"colorInteropID": "lin_ap1_scene", **OTHERS}, [STALE, CONVERTED]),
+        ("lin_ap0_scene", {"acesImageContainerFlag": 1, "chromaticities": AP0}, [CONVERTED]),
+        ("lin_rec2020_scene", {"colorInteropID": "unknown", **OTHERS}, [CONVERTED]),
+        ("lin_rec709_scene", {"colorInteropID": "data", **OTHERS}, []),
+    ],
+)
+def test_an_exr_of_a_linear_space_with_an_id_is_converted_as_others_convert_it(space, header, words, tmp_path, recwarn):
+    OpenEXR.File([exr_part(converted(space), **header)]).write(str(tmp_path / "a.exr"))
+    found = read_picture(tmp_path / "a.exr")
+    np.testing.assert_allclose(np.moveaxis(found, 0, -1), LIGHT, atol=2e-5)
+    told = [str(one.message) for one in recwarn if one.category is PictureWarning]
+    assert len(told) == len(words) and all(word in one for word, one in zip(words, told, strict=True))
+
+
+def test_each_part_of_an_exr_has_its_space_and_the_first_speaks_for_those_that_say_nothing(tmp_path):
+    first = exr_part(converted("lin_ap1_scene"), "beauty", colorInteropID="lin_ap1_scene")
+    others = [exr_part(converted("lin_ap1_scene"), "diffuse"), exr_part(LIGHT, "normal", colorInteropID="data")]
+    OpenEXR.File([first, *others]).write(str(tmp_path / "a.exr"))
+    for layer in ("beauty", "diffuse"):
+        with pytest.warns(PictureWarning, match=r"its primaries are others \(lin_ap1_scene\)"):
+            found = read_picture(tmp_path / "a.exr", layer=layer)
+        np.testing.assert_allclose(np.moveaxis(found, 0, -1), LIGHT, atol=2e-5)
+    np.testing.assert_allclose(np.moveaxis(read_picture(tmp_path / "a.exr", layer="normal"), 0, -1), LIGHT, atol=1e-6)
+
+
+@pytest.mark.parametrize("space", ["srgb_rec709_scene", "g22_ap1_scene", "pq_rec2020_display", "studio:lin_gamut", ""])
+@pytest.mark.parametrize("channels", ["RGB", "Y"])
+def test_an_exr_that_says_it_is_not_of_linear_light_of_a_known_space_is_refused(space, channels, tmp_path):
+    header = {"type": OpenEXR.scanlineimage, "colorInteropID": space}
+    stored = {name: np.full((2, 3), 0.5, np.float32) for name in channels}
+    OpenEXR.File(header, stored).write(str(tmp_path / "a.exr"))
+    with pytest.raises(PictureError, match=rf"its colours are '{space}' \(colorInteropID\), and linear light"):
+        read_picture(tmp_path / "a.exr")
+
+
+TABLE = tuple(round(65535 * (k / 255) ** 3) for k in range(256))
+"""What `TransferFunction` says of numbers of 8 bits of which the light is the cube."""
+
+ADOBE_XY = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06)
+CODES = np.random.default_rng(10).integers(30, 220, size=(16, 24, 3)).repeat(8, axis=0).repeat(8, axis=1)
+CODES = CODES.astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("tags", "curve", "primaries"),
+    [
+        ({301: TABLE}, lambda x: x**3, REC_709),
+        ({301: (*TABLE, *range(0, 65536, 257), *TABLE)}, lambda x: x ** np.array([3, 1, 3]), REC_709),
+        ({319: ADOBE_XY}, None, (*ADOBE_XY, *REC_709[6:])),
+        ({318: (0.3457, 0.3585)}, None, (*REC_709[:6], 0.3457, 0.3585)),
+        ({301: TABLE, 318: REC_709[6:], 319: ADOBE_XY}, lambda x: x**3, (*ADOBE_XY, *REC_709[6:])),
+        ({318: REC_709[6:], 319: REC_709[:6]}, None, REC_709),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".tif", ".jpg"])
+def test_what_tiff_and_exif_say_of_curve_and_primaries_is_obeyed_unless_told(suffix, tags, curve, primaries, tmp_path):
+    path, exif = tmp_path / f"a{suffix}", Image.Exif()
+    exif.update(tags)
+    Image.fromarray(CODES).save(path, exif=exif, quality=100, subsampling=0)
+    matrix = to_rec_709(primaries)
+    light = DECODERS["srgb"](CODES) if curve is None else curve(CODES / 255)
+    wanted = light if matrix is None else light @ matrix.T
+    told = contextlib.nullcontext() if matrix is None else pytest.warns(PictureWarning, match="its primaries are other")
+    with told:
+        found = read_picture(path)
+    np.testing.assert_allclose(np.moveaxis(found, 0, -1), wanted, atol=0.05 if suffix == ".jpg" else 2e-5)
+    assert states_colours(path) == (suffix == ".jpg" or curve is not None or matrix is not None)
+    plain = np.moveaxis(read_picture(path, transfer="srgb"), 0, -1)
+    np.testing.assert_allclose(plain, DECODERS["srgb"](CODES), atol=0.05 if suffix == ".jpg" else 1e-6)
+
+
+def test_a_table_of_a_tiff_of_which_white_is_zero_is_of_the_numbers_as_they_are_stored(tmp_path):
+    grey = CODES[..., 0]
+    Image.fromarray(grey).save(tmp_path / "a.tif", tiffinfo={262: 0, 301: TABLE[::-1]})
+    with Image.open(tmp_path / "a.tif") as image:
+        assert image.tag_v2[262] == 0
+    found = read_picture(tmp_path / "a.tif")
+    np.testing.assert_allclose(found[1], (grey / 255.0) ** 3, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("tags", "words"),
+    [
+        ({301: (7,)}, "has a TransferFunction of one number"),
+        ({301: b"nonsense"}, "PrimaryChromaticities that are no numbers"),
+        ({319: ADOBE_XY[:5]}, "has chromaticities that are none"),
+        ({319: (0.3,) * 6}, "has chromaticities that are on one line"),
+        ({532: (16, 235, 16, 235, 16, 235)}, r"black and white are \[16.*235.* 0 and 255 are wanted"),
+    ],
+)
+def test_a_tiff_that_says_of_its_colours_what_cannot_be_is_refused(tags, words, tmp_path):
+    types = ImageFileDirectory_v2()
+    for tag, value in tags.items():
+        types.tagtype[tag] = 7 if isinstance(value, bytes) else 5 if tag in (319, 532) else 3
+        types[tag] = value
+    Image.fromarray(CODES).save(tmp_path / "a.tif", tiffinfo=types)
+    with pytest.raises(PictureError, match=words):
+        read_picture(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("levels", [(0, 255) * 3, (0, 255, 128, 255, 128, 255)])
+def test_a_tiff_that_says_that_its_range_is_full_is_read(levels, tmp_path):
+    Image.fromarray(CODES).save(tmp_path / "a.tif", tiffinfo={532: levels})
+    np.testing.assert_allclose(np.moveaxis(read_picture(tmp_path / "a.tif"), 0, -1), DECODERS["srgb"](CODES), atol=1e-6)
+
+
 def test_primaries_of_rec_709_are_nothing_new_and_what_is_no_triangle_is_refused():
     assert to_rec_709(tuple(round(x, 3) for x in REC_709)) is None
-    for broken in ((0.3, 0.3) * 4, (0.64, 0.0, *REC_709[2:]), (np.nan, *REC_709[1:])):
+    for broken in ((0.3, 0.3) * 4, (*REC_709[:7], 0.0), (np.nan, *REC_709[1:])):
         with pytest.raises(ValueError, match="has chromaticities that are"):
             rgb_to_xyz(broken)
 

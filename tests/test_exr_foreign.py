@@ -5,9 +5,11 @@ import OpenEXR
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_colour_spaces import BT_2020
 from test_exr import BLUE, CLEAN, DEPTH, GREEN, RANDOM, RED
 
 from raytrace_jax import PictureError, PictureWarning, read_exr, read_picture
+from raytrace_jax.images.transfer import to_rec_709
 
 NAN = np.where(np.arange(117).reshape(9, 13) == 28, np.nan, RED)
 
@@ -231,6 +233,28 @@ def test_refuses_subsampled_channels(tmp_path):
     path.write_bytes(content[:place] + halved + content[place + 8 :])
     with pytest.raises(PictureError, match="channel Y is subsampled"):
         read_exr(path)
+
+
+@pytest.mark.parametrize(
+    ("primaries", "weights"), [(None, (0.2126, 0.7152, 0.0722)), (BT_2020, (0.2627, 0.678, 0.0593))]
+)
+@pytest.mark.parametrize("layer", ["", "img."])
+def test_luminance_and_chroma_at_full_sampling_are_colours(tmp_path, primaries, weights, layer):
+    """The weights are those of Rec. 709 and Rec. 2020."""
+    red, green, blue = RED.copy(), GREEN, BLUE
+    red[0, :3] = green[0, :3] = blue[0, :3] = 0
+    luminance = np.tensordot(weights, np.stack([red, green, blue]), 1)
+    some = np.where(luminance == 0, 1, luminance)
+    stored = {"Y": luminance, "RY": (red - luminance) / some, "BY": (blue - luminance) / some}
+    header = {"chromaticities": primaries} if primaries else {}
+    path = store(tmp_path / "a.exr", {layer + name: one.astype(np.float32) for name, one in stored.items()}, **header)
+    if primaries:
+        with pytest.warns(PictureWarning, match="its primaries are others"):
+            found = read_picture(path)
+        found = np.tensordot(np.linalg.inv(to_rec_709(primaries)), found, 1)
+    else:
+        found = read_picture(path)
+    np.testing.assert_allclose(found, np.stack([red, green, blue]), atol=2e-4)
 
 
 @pytest.mark.parametrize("stored", ["not JSON", "[1]", 7])

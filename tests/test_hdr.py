@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_colour_spaces import BT_2020
 
-from raytrace_jax import PictureError, read_picture
+from raytrace_jax import PictureError, PictureWarning, read_picture
 from raytrace_jax.images.own_readers import HdrFile
 from raytrace_jax.images.pictures import states_colours
+from raytrace_jax.images.transfer import REC_709, to_rec_709
 
 RANDOM = np.random.default_rng(0)
 HEAD = b"#?RADIANCE\n# a comment\nFORMAT=32-bit_rle_rgbe\n"
@@ -116,6 +118,19 @@ def test_exposures_are_divided_out_and_lines_may_end_as_on_windows(stored):
     np.testing.assert_array_equal(read_hdr(stored(hdr_bytes(pixels, head=head, size="-Y 2 +X 3\r"))), wanted)
 
 
+@pytest.mark.parametrize("stated", [(*BT_2020,), (0,) * 8, REC_709])
+def test_primaries_are_obeyed_and_zeros_as_photoshop_writes_them_say_nothing(stated, stored):
+    pixels = pixels_with_runs(2, 3)
+    head = HEAD + b"GAMMA=1\nPRIMARIES=" + " ".join(map(str, stated)).encode() + b"\n"
+    path = stored(hdr_bytes(pixels, head=head))
+    if stated != BT_2020:
+        np.testing.assert_array_equal(read_hdr(path), colours(pixels))
+        return
+    with pytest.warns(PictureWarning, match=r"its primaries are others \(by PRIMARIES\)"):
+        found = read_hdr(path)
+    np.testing.assert_allclose(found, np.tensordot(to_rec_709(BT_2020), colours(pixels), 1), rtol=1e-5)
+
+
 PIXELS = pixels_with_runs(3, 20)
 RUN = b"\x80\x80\x80\x80"
 
@@ -131,6 +146,9 @@ RUN = b"\x80\x80\x80\x80"
         ),
         (HEAD + b"EXPOSURE=0\n\n-Y 1 +X 1\n" + RUN, "EXPOSURE is '0', and a positive number is wanted"),
         (HEAD + b"COLORCORR=1 2\n\n-Y 1 +X 1\n" + RUN, "COLORCORR is '1 2', and three positive numbers are wanted"),
+        (HEAD + b"GAMMA=2.2\n\n-Y 1 +X 1\n" + RUN, "its GAMMA is 2.2, and linear light is wanted"),
+        (HEAD + b"PRIMARIES=.3 .3\n\n-Y 1 +X 1\n" + RUN, "PRIMARIES is '.3 .3', and eight numbers are wanted"),
+        (HEAD + b"PRIMARIES=" + 8 * b".3 " + b"\n\n-Y 1 +X 1\n" + RUN, "chromaticities that are on one line"),
         (HEAD + b"EXPOSURE=1e-9\n\n-Y 1 +X 1\n\x80\x80\x80\xff", "do not fit into 32-bit floats"),
         (HEAD + b"\n-Y 1 +Y 1\n" + RUN, "'-Y 480 \\+X 640' is wanted, not '-Y 1 \\+Y 1'"),
         (HEAD + b"\n-Y 0 +X 4\n" + RUN, "has no pixels"),

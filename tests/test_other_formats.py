@@ -1,12 +1,15 @@
-"""Pictures that are not read: raw files of cameras, whose previews must not be measured, and formats with names."""
+"""Pictures that are not read, raw files of cameras and formats with names; and pixels that are not square, in all."""
 
 import io
 import struct
 
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
+from test_hdr import HEAD, hdr_bytes, pixels_with_runs
+from test_png import chunk
 
 from raytrace_jax import PictureError, PictureWarning, read_mask, read_picture
 
@@ -91,3 +94,63 @@ def test_the_orientation_of_a_tiff_is_obeyed(tmp_path):
         found = read_picture(tmp_path / "a.tif")
     PREVIEW.transpose(Image.Transpose.ROTATE_270).save(tmp_path / "b.tif")
     np.testing.assert_array_equal(found, read_picture(tmp_path / "b.tif"))
+
+
+def density(across, down, kind, **options):
+    """A picture with so many pixels an inch."""
+    file = io.BytesIO()
+    PREVIEW.save(file, kind, dpi=(across, down), **options)
+    return file.getvalue()
+
+
+def jfif(across, down):
+    """A JPEG that tells of its densities no unit, only how they are to each other (JFIF 1.02)."""
+    data = bytearray(density(72, 72, "JPEG"))
+    struct.pack_into(">BHH", data, data.index(b"JFIF\0") + 7, 0, across, down)
+    return bytes(data)
+
+
+def pixels_of_a_png(across, down):
+    file = io.BytesIO()
+    PREVIEW.save(file, "PNG")
+    data = file.getvalue()
+    return data[:33] + chunk(b"pHYs", struct.pack(">IIB", across, down, 0)) + data[33:]
+
+
+def pixels_of_an_exr(aspect, tmp_path):
+    header = {"type": OpenEXR.scanlineimage, "pixelAspectRatio": aspect}
+    OpenEXR.File(header, {"Y": np.ones((2, 3), np.float32)}).write(str(tmp_path / "made.exr"))
+    return (tmp_path / "made.exr").read_bytes()
+
+
+def pixels_of_a_hdr(aspects):
+    return hdr_bytes(pixels_with_runs(2, 3), head=HEAD + b"".join(b"PIXASPECT=%g\n" % one for one in aspects))
+
+
+@pytest.mark.parametrize(
+    ("make", "aspect"),
+    [
+        (lambda _: density(100, 50, "TIFF"), 0.5),
+        (lambda _: density(100, 50, "TIFF", tiffinfo={0x0112: 6}), 2),
+        (lambda _: density(100, 50, "JPEG"), 0.5),
+        (lambda _: jfif(2, 1), 2),
+        (lambda _: pixels_of_a_png(1000, 2000), 2),
+        (lambda folder: pixels_of_an_exr(2.0, folder), 2),
+        (lambda _: pixels_of_a_hdr([0.25, 2]), 2),
+        (lambda _: density(300, 300, "TIFF"), 1),
+        (lambda _: density(300, 300, "JPEG"), 1),
+        (lambda _: jfif(1, 1), 1),
+        (lambda _: jfif(0, 0), 1),
+        (lambda _: pixels_of_a_png(2835, 2834), 1),
+        (lambda folder: pixels_of_an_exr(0.9999, folder), 1),
+        (lambda _: pixels_of_a_hdr([1]), 1),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*that it is turned:raytrace_jax.PictureWarning")
+def test_pixels_that_are_not_square_are_told(make, aspect, tmp_path):
+    (tmp_path / "a.picture").write_bytes(make(tmp_path))
+    if aspect == 1:
+        read_picture(tmp_path / "a.picture")
+        return
+    with pytest.warns(PictureWarning, match=rf"its pixels are {aspect} times as wide as high; they are read as square"):
+        read_picture(tmp_path / "a.picture")

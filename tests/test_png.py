@@ -282,6 +282,15 @@ def test_what_is_no_light_of_a_scene_is_refused_unless_told(stored):
     np.testing.assert_array_equal(read_png(path, transfer="srgb"), np.moveaxis(decode_srgb(LEVELS), -1, 0).astype("f4"))
 
 
+@pytest.mark.parametrize("cicp", [(1, 13, 0, 0), (1, 13, 1, 1), (9, 8, 9, 0), (1, 13, 0), (1, 8, 0, 1, 0)])
+@pytest.mark.parametrize("read", [read_png, lambda path: read_picture(path, transfer="srgb"), read_mask])
+def test_numbers_of_a_narrow_range_or_of_luminance_and_colour_differences_are_refused(cicp, read, stored):
+    whole = pillow_bytes(LEVELS)
+    path = stored(whole[:33] + chunk(b"cICP", bytes(cicp)) + whole[33:])
+    with pytest.raises(PictureError, match=r"says by cICP that its numbers are \(.*RGB of the full range"):
+        read(path)
+
+
 def test_of_an_animation_the_first_picture_is_read_with_a_warning(tmp_path):
     first, second = (Image.fromarray(np.full((2, 3, 3), value, np.uint8)) for value in (51, 255))
     first.save(tmp_path / "a.png", save_all=True, append_images=[second])

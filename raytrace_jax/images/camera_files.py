@@ -8,15 +8,17 @@ import os
 import re
 import struct
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from raytrace_jax.images.exif import directories
-from raytrace_jax.images.icc import read_profile
+from raytrace_jax.images.exif import directories, exif_of
+from raytrace_jax.images.icc import Curve, read_profile
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.picture_file import PaintableFile
-from raytrace_jax.images.transfer import ColourSpace
+from raytrace_jax.images.transfer import REC_709, ColourSpace, power_curve, srgb_to_linear, to_rec_709
 from raytrace_jax.util.files import read_bytes
 
 RAW = "is a raw file of a camera: develop it (docs/photograph.md says how)"
@@ -34,6 +36,7 @@ RAW_SUFFIXES = (
 
 # Tags of TIFF, TIFF/EP and DNG, and their values that only raw files have.
 SUBFILE, BITS, COMPRESSION, PHOTOMETRIC, PREDICTOR, INNER = 254, 258, 259, 262, 317, 330
+CURVES, WHITE, PRIMARIES, LEVELS = 301, 318, 319, 532
 MOSAIC_OR_DNG = {33421, 33422, 50706}
 RAW_PHOTOMETRIC, RAW_COMPRESSION = {32803, 34892}, {32767, 32769, 32770, 34713, 65000, 65535}
 UNCOMPRESSED, DIFFERENCES, WHITE_IS_ZERO = 1, (2, 3), 0
@@ -50,10 +53,12 @@ class CameraFile(PaintableFile):
     """A JPEG or a TIFF, which says by an ICC profile what its numbers mean, or by EXIF that it does not say."""
 
     def meaning(self) -> Transfer | ColourSpace | None:
-        """What the ICC profile says; None without one."""
+        """What the ICC profile says, else the tags that TIFF and EXIF share; None where neither says anything."""
         profile = self.spec.getattribute("ICCProfile")
         try:
-            return None if profile is None else read_profile(np.asarray(profile, np.uint8).tobytes()) or "srgb"
+            if profile is not None:
+                return read_profile(np.asarray(profile, np.uint8).tobytes()) or "srgb"
+            return _space(exif_of(self.path), power_curve(1.0) if self.bits() == 0 else srgb_to_linear)
         except ValueError as cause:
             raise self.error(str(cause)) from cause
 
@@ -61,7 +66,7 @@ class CameraFile(PaintableFile):
         """As of any file; a warning tells if it says that its colours are others and not which."""
         light = super().light(transfer)
         # EXIF knows sRGB, which is 1, and `uncalibrated`.
-        is_told = transfer is not None or self.spec.getattribute("ICCProfile") is not None
+        is_told = transfer is not None or CameraFile.meaning(self) is not None
         if not is_told and self.spec.get_int_attribute("Exif:ColorSpace", 1) != 1:
             self.tell("its EXIF says that its colours are not sRGB, and not what they are: they are read as sRGB.")
         return light
@@ -109,6 +114,12 @@ class TiffFile(CameraFile):
         if tags.get(PREDICTOR, 1) in DIFFERENCES and tags.get(COMPRESSION, UNCOMPRESSED) == UNCOMPRESSED:
             said = f"says that it stores differences (predictor {tags[PREDICTOR]}) without compression"
             raise self.error(f"{said}, which programs read differently: save it without predictor")
+        levels, largest = np.ravel(tags.get(LEVELS, ())).tolist(), 2**bits - 1
+        if levels and levels not in ([0, largest] * 3, [0, largest, *(2 ** (bits - 1), largest) * 2]):
+            wanted = f"0 and {largest} are wanted: save it with the full range"
+            raise self.error(
+                f"says that its numbers of black and white are {levels} (ReferenceBlackWhite), and {wanted}"
+            )
         is_white_zero = tags.get(PHOTOMETRIC) == WHITE_IS_ZERO
         if stored.dtype.kind != "u":
             if is_white_zero:
@@ -116,11 +127,38 @@ class TiffFile(CameraFile):
             return stored
         if bits < 16 and bits != 8:
             # Scaled by copying bits: in the code's own steps they are exact.
-            largest = 2**bits - 1
             codes = np.round(stored * (largest / np.iinfo(stored.dtype).max))
             stored = np.round(codes * (65535 / largest)).astype(np.uint16)
         # OpenImageIO turns numbers of which white is zero, but only up to 8 bits.
         return np.iinfo(stored.dtype).max - stored if is_white_zero and bits > 8 else stored
+
+
+def _space(tags: Mapping[int, Any], usual: Curve) -> ColourSpace | None:
+    """What the tags of TIFF 6.0 (20), which EXIF has too, say of curve and primaries; None where it is nothing new.
+
+    `usual` is the curve of numbers of which no table is given. Raises ValueError where it cannot be; the text completes
+    "FILE: ".
+    """
+    try:
+        table, white, primaries = (np.ravel(tags.get(tag, ())).astype(float) for tag in (CURVES, WHITE, PRIMARIES))
+        # A curve for all channels, or for each one, has 2^bits entries.
+        curves = table.reshape(3 if table.size % 3 == 0 else 1, -1) / 65535
+    except (TypeError, ValueError) as cause:
+        raise ValueError("has a TransferFunction, WhitePoint or PrimaryChromaticities that are no numbers") from cause
+    if tags.get(PHOTOMETRIC) == WHITE_IS_ZERO:
+        curves = curves[:, ::-1]
+    codes = curves.shape[1]
+    matrix = to_rec_709((*(primaries if primaries.size else REC_709[:6]), *(white if white.size else REC_709[6:])))
+    if codes == 0:
+        return None if matrix is None else ColourSpace("by PrimaryChromaticities", usual, matrix)
+    if codes == 1:
+        raise ValueError("has a TransferFunction of one number, and one for each stored number is wanted")
+
+    def curve(encoded: np.ndarray) -> np.ndarray:
+        places = np.linspace(0, 1, codes)
+        return np.stack([np.interp(encoded[..., k], places, curves[k % len(curves)]) for k in range(3)], axis=-1)
+
+    return ColourSpace("by TransferFunction", curve, matrix)
 
 
 def _is_raw(path: str | os.PathLike[str]) -> bool:

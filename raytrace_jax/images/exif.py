@@ -50,7 +50,7 @@ MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 
 def orientation_of(path: str | os.PathLike[str]) -> int:
     """How a file says that its picture is turned, as EXIF numbers it: 1 is upright. PictureError if it is missing."""
-    orientation = _exif_of(path).get(Base.Orientation, 1)
+    orientation = exif_of(path).get(Base.Orientation, 1)
     return int(orientation) if orientation in TURNS else 1
 
 
@@ -68,7 +68,7 @@ def upright(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
 
 def camera_of(path: str | os.PathLike[str]) -> dict[str, str]:
     """What a file tells of its camera and zoom, by the words of `TOLD`. PictureError if it is missing."""
-    exif = _exif_of(path)
+    exif = exif_of(path)
     return {word: str(exif[tag]).strip() for tag, word in TOLD.items() if tag in exif}
 
 
@@ -83,7 +83,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
     Warns:
         PictureWarning: what it tells cannot be, and is not believed.
     """
-    exif = _exif_of(path)
+    exif = exif_of(path)
 
     def number(tag: Base) -> float:
         """What the file tells; 0 where it tells nothing."""
@@ -135,7 +135,7 @@ def _same_shape(was: tuple[float, float], now: tuple[float, float]) -> bool:
     return min(abs(shape - other) for other in others) < 0.02
 
 
-def _exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
+def exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
     """The values of EXIF and the picture's size by their tags; none where there is no EXIF, or a broken one.
 
     Raises PictureError if the file is missing.

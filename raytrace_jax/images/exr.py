@@ -13,7 +13,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,9 +21,7 @@ import OpenEXR
 from jax.typing import ArrayLike
 
 from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.picture_file import KEY, PictureFile, PictureOrigin, to_json
-from raytrace_jax.images.transfer import Chromaticities, ColourSpace, power_curve, to_rec_709
+from raytrace_jax.images.picture_file import KEY, to_json
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 MAGIC = b"\x76\x2f\x31\x01"
@@ -45,8 +43,8 @@ class ExrPicture:
     """What `write_exr` was given; empty for the files of other programs."""
     compression: str
     """Of the first part, such as `ZIP`."""
-    chromaticities: Chromaticities | None = None
-    """The primaries and the white; None where the file does not say, which means Rec. 709."""
+    attributes: dict[str, dict[str, Any]]
+    """What the file says of each channel: the header of its part, and what that leaves out as the first part has it."""
 
 
 def write_exr(
@@ -106,7 +104,7 @@ def _storable(where: str, name: str, values: object, dtype: type[np.floating]) -
     if not is_real or array.ndim != 2 or array.size == 0:
         came = f"{array.dtype} of shape {array.shape}"
         raise PictureError(f"{where}: channel {name} is {came}, and real numbers of shape (height, width) are wanted")
-    _refuse_not_finite(where, name, array)
+    refuse_not_finite(where, name, array)
     # A non-contiguous array would be written as wrong pixels, silently.
     with np.errstate(over="ignore"):
         stored = np.ascontiguousarray(array.astype(dtype))
@@ -116,7 +114,8 @@ def _storable(where: str, name: str, values: object, dtype: type[np.floating]) -
     return stored
 
 
-def _refuse_not_finite(where: str, name: str, array: np.ndarray) -> None:
+def refuse_not_finite(where: str, name: str, array: np.ndarray) -> None:
+    """Raise PictureError if a channel has NaN or infinite pixels; `where` begins the sentence."""
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         first = f"the first in row {bad[0, 0]}, column {bad[0, 1]}"
@@ -145,10 +144,12 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
     parts = _load_parts(path)
     counts = Counter(name for part in parts for name in part.channels)
     channels: dict[str, np.ndarray] = {}
+    attributes: dict[str, dict[str, Any]] = {}
     for part in parts:
         prefix = f"{part.name()}." if any(counts[name] > 1 for name in part.channels) else ""
         for name, channel in part.channels.items():
             channels[prefix + name] = _in_display_window(path, channel.pixels, part.header)
+            attributes[prefix + name] = {**parts[0].header, **part.header}
     compressions = [part.compression().name.removesuffix("_COMPRESSION") for part in parts]
     for part, compression in zip(parts, compressions, strict=True):
         types = {(one.pixels.dtype.kind, one.pixels.dtype.itemsize) for one in part.channels.values()}
@@ -157,59 +158,11 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
             warnings.warn(words, PictureWarning, stacklevel=2)
             break
     if layer is not None:
-        prefix = _find_layer(channels, layer, str(path))
+        prefix = find_layer(channels, layer, str(path))
         channels = {name: array for name, array in channels.items() if name.rpartition(".")[0] == prefix}
-    stated = next((part.header["chromaticities"] for part in parts if "chromaticities" in part.header), None)
-    primaries = None if stated is None else tuple(map(float, stated))
-    return ExrPicture(channels, _read_metadata(path, parts[0].header), compressions[0], primaries)
-
-
-class ExrFile(PictureFile):
-    """The picture in an OpenEXR file. An alpha is left out: colours are premultiplied, that is, already over black."""
-
-    format = "OpenEXR"
-
-    def __init__(self, path: str | os.PathLike[str], layer: str | None = None) -> None:
-        super().__init__(path)
-        self.layer = layer
-
-    @cached_property
-    def picture(self) -> ExrPicture:
-        """All of the file."""
-        return read_exr(self.path)
-
-    @cached_property
-    def names(self) -> tuple[str, str, str]:
-        """The channels that make the picture."""
-        return _rgb_channels(self.picture.channels, self.layer, str(self.path))
-
-    def numbers(self) -> np.ndarray:
-        """The channels of the layer, a grey one three times."""
-        for name in self.names:
-            _refuse_not_finite(f"{self.path}: cannot be used as a picture", name, self.picture.channels[name])
-        return np.stack([self.picture.channels[name] for name in self.names], axis=-1).astype(np.float32, copy=False)
-
-    def meaning(self) -> ColourSpace | None:
-        """The space of its chromaticities, where these are not Rec. 709's and it has colours."""
-        if self.picture.chromaticities is None or len(set(self.names)) == 1:
-            return None
-        try:
-            matrix = to_rec_709(self.picture.chromaticities)
-        except ValueError as cause:
-            raise self.error(str(cause)) from cause
-        return None if matrix is None else ColourSpace("by chromaticities", power_curve(1.0), matrix)
-
-    def light(self, transfer: Transfer | None = None) -> np.ndarray:
-        """As of any file; no transfer changes floats."""
-        return super().light()
-
-    def origin(self) -> PictureOrigin:
-        """The metadata of `write_exr`, and the attribute `generatedBy`."""
-        try:
-            header = OpenEXR.File(str(self.path), header_only=True).parts[0].header
-        except (RuntimeError, ValueError, IndexError) as cause:
-            raise self.error(f"is a truncated or broken OpenEXR file: {cause}") from cause
-        return PictureOrigin(_read_metadata(self.path, header), str(header.get("generatedBy", "")))
+    return ExrPicture(
+        channels, read_metadata(path, parts[0].header), compressions[0], {name: attributes[name] for name in channels}
+    )
 
 
 def _load_parts(path: str | os.PathLike[str]) -> list[OpenEXR.Part]:
@@ -258,7 +211,8 @@ def _in_display_window(path: str | os.PathLike[str], pixels: np.ndarray, header:
     return placed
 
 
-def _read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -> dict[str, object]:
+def read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -> dict[str, object]:
+    """Return what `write_exr` was given; a PictureWarning tells if that is broken."""
     stored = header.get(KEY, "{}")
     try:
         metadata = json.loads(stored) if isinstance(stored, str) else None
@@ -270,7 +224,7 @@ def _read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -
     return metadata
 
 
-def _by_layer(names: Iterable[str]) -> dict[str, set[str]]:
+def by_layer(names: Iterable[str]) -> dict[str, set[str]]:
     """Return the components of every layer; channels without a layer, such as `R`, belong to the layer ''."""
     layers: dict[str, set[str]] = {}
     for layer, _, component in (name.rpartition(".") for name in names):
@@ -278,9 +232,9 @@ def _by_layer(names: Iterable[str]) -> dict[str, set[str]]:
     return dict(sorted(layers.items()))
 
 
-def _find_layer(names: Iterable[str], wanted: str, where: str) -> str:
+def find_layer(names: Iterable[str], wanted: str, where: str) -> str:
     """Return the full name of the layer `wanted`, which may be only its end: `Combined` for `ViewLayer.Combined`."""
-    layers = list(_by_layer(names))
+    layers = list(by_layer(names))
     if wanted in layers:
         return wanted
     ends = [layer for layer in layers if layer.endswith(f".{wanted}")]
@@ -291,33 +245,3 @@ def _find_layer(names: Iterable[str], wanted: str, where: str) -> str:
     close = difflib.get_close_matches(wanted, layers)
     hint = f"; did you mean {str(close)[1:-1]}?" if close else ""
     raise PictureError(f"{where}: has no layer {wanted!r}; its layers are {str(layers)[1:-1]}{hint}")
-
-
-def _rgb_channels(names: Iterable[str], layer: str | None, where: str) -> tuple[str, str, str]:
-    """Return the three channel names that make the picture; a grey layer gives its `Y` three times.
-
-    Without `layer`, the picture is the channels without a layer if they have a colour, else the only layer
-    with a colour, else the only one called `Combined`, as Blender has it.
-    """
-    components = _by_layer(names)
-    # A Y beside an X is a vector's second component (`normal.X normal.Y normal.Z`), not a grey picture.
-    coloured = [one for one, has in components.items() if has.issuperset(RGB) or ("Y" in has and "X" not in has)]
-    if layer is not None:
-        chosen = _find_layer(names, layer, where)
-        if chosen not in coloured:
-            has = ", ".join(sorted(components[chosen]))
-            raise PictureError(
-                f"{where}: the layer {chosen!r} has the channels {has}, and R, G, B or a grey Y is wanted"
-            )
-    elif not coloured:
-        layers = "; ".join(f"{one!r} ({', '.join(sorted(has))})" for one, has in components.items())
-        raise PictureError(f"{where}: has no layer with the channels R, G, B or a grey Y; its layers are {layers}")
-    else:
-        combined = [one for one in coloured if one.rpartition(".")[2] == "Combined"]
-        obvious = [only for only in (coloured, combined) if len(only) == 1]
-        if "" not in coloured and not obvious:
-            raise PictureError(f"{where}: has several pictures, name one of the layers {str(coloured)[1:-1]}")
-        chosen = "" if "" in coloured else obvious[0][0]
-    prefix = f"{chosen}." if chosen else ""
-    red, green, blue = RGB if components[chosen].issuperset(RGB) else ("Y", "Y", "Y")
-    return prefix + red, prefix + green, prefix + blue

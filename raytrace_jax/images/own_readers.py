@@ -7,13 +7,14 @@ passes over numbers beyond the largest and signs, and scales numbers of any larg
 import os
 import re
 import sys
+from functools import cached_property
 
 import numpy as np
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.picture_file import PictureFile
-from raytrace_jax.images.transfer import ENCODERS
+from raytrace_jax.images.transfer import ENCODERS, REC_709, ColourSpace, linear_space
 from raytrace_jax.util.files import atomic_write, read_bytes
 from raytrace_jax.util.session import free_memory
 
@@ -31,7 +32,13 @@ HDR_HEADER = re.compile(rb"(#\?.*?)\n\r?\n([^\n]*)\n", re.DOTALL)
 
 RESOLUTION = re.compile(rb"([+-])([XY]) +(\d+) +([+-])([XY]) +(\d+) *")
 
-MULTIPLIERS = {b"EXPOSURE": (1, "a positive number is"), b"COLORCORR": (3, "three positive numbers are")}
+FACTORS = {
+    b"EXPOSURE": (1, "a positive number is"),
+    b"COLORCORR": (3, "three positive numbers are"),
+    b"PIXASPECT": (1, "a positive number is"),
+    b"GAMMA": (1, "a positive number is"),
+}
+"""What a header states as factors, and how many numbers each has; several of a name are multiplied."""
 
 SCALES = np.where(np.arange(256) == 0, 0.0, np.ldexp(1.0, np.arange(256) - 136))
 """What a mantissa is multiplied by, for each exponent."""
@@ -105,28 +112,54 @@ class HdrFile(PictureFile):
     The format is Greg Ward's (https://radsite.lbl.gov/radiance/refer/Notes/picture_format.html). A mantissa m with the
     exponent e is m 2^(e - 136), as Mitsuba, OpenCV and stb_image have it; Radiance, and Blender where it reads by code
     of its own, add half a step to m. What the header says the numbers were multiplied by, EXPOSURE and COLORCORR, is
-    divided out. Primaries are taken as those of the scene.
+    divided out. Without PRIMARIES colours are taken as those of the scene.
     """
 
     format = "Radiance HDR"
 
-    def numbers(self) -> np.ndarray:
-        """Floats; refused are also XYZ colours, and a picture larger than the memory."""
-        data = read_bytes(self.path, error=PictureError)
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        super().__init__(path)
+        self.data = read_bytes(path, error=PictureError)
+
+    @cached_property
+    def head(self) -> re.Match[bytes]:
+        """What comes before the pixels."""
+        if not self.data.startswith(HDR_MAGIC):
+            raise self.error("is not a Radiance HDR file (it does not start with #?)")
+        head = HDR_HEADER.match(self.data)
+        if head is None:
+            raise self.error("is a truncated or broken Radiance HDR file: its header does not end")
+        return head
+
+    @cached_property
+    def stated(self) -> dict[bytes, np.ndarray]:
+        """What the header states in numbers, by its names."""
         try:
-            return _hdr_numbers(data)
+            return _stated(self.head[1])
         except ValueError as cause:
             raise self.error(str(cause)) from cause
 
+    def numbers(self) -> np.ndarray:
+        """Floats; refused are also XYZ colours, and a picture larger than the memory."""
+        try:
+            return _hdr_numbers(self.data, self.head, self.stated[b"EXPOSURE"] * self.stated[b"COLORCORR"])
+        except ValueError as cause:
+            raise self.error(str(cause)) from cause
 
-def _hdr_numbers(data: bytes) -> np.ndarray:
+    def meaning(self) -> ColourSpace | None:
+        """The space of its primaries, where these are not Rec. 709's."""
+        try:
+            return linear_space("by PRIMARIES", tuple(self.stated[b"PRIMARIES"].tolist()))
+        except ValueError as cause:
+            raise self.error(str(cause)) from cause
+
+    def pixel_aspect(self) -> float:
+        """As of any file; PIXASPECT is the height of a pixel over its width."""
+        return 1 / self.stated[b"PIXASPECT"].item()
+
+
+def _hdr_numbers(data: bytes, head: re.Match[bytes], multipliers: np.ndarray) -> np.ndarray:
     """The colours "height width 3" of a Radiance HDR. The ValueErrors from here on complete "FILE: "."""
-    if not data.startswith(HDR_MAGIC):
-        raise ValueError("is not a Radiance HDR file (it does not start with #?)")
-    head = HDR_HEADER.match(data)
-    if head is None:
-        raise ValueError("is a truncated or broken Radiance HDR file: its header does not end")
-    multipliers = _multipliers(head[1])
     size = RESOLUTION.fullmatch(head[2].rstrip(b"\r"))
     if size is None or size[2] == size[5]:
         raise ValueError(f"{BROKEN}: a size such as '-Y 480 +X 640' is wanted, not {_shown(head[2])}")
@@ -147,22 +180,29 @@ def _hdr_numbers(data: bytes) -> np.ndarray:
     return colours.swapaxes(0, 1) if size[2] == b"X" else colours
 
 
-def _multipliers(head: bytes) -> np.ndarray:
-    """The factors of red, green and blue by which the stored numbers were multiplied."""
-    multipliers = np.ones(3)
+def _stated(head: bytes) -> dict[bytes, np.ndarray]:
+    """What a header states: its factors, and the primaries. It is refused if it is not of linear light."""
+    stated = {name: np.ones(count) for name, (count, _) in FACTORS.items()} | {b"PRIMARIES": np.array(REC_709)}
     for name, _, value in (line.partition(b"=") for line in head.split(b"\n")):
         if name == b"FORMAT" and value.strip() != FORMAT:
             raise ValueError(f"its format is {_shown(value)}, and {_shown(FORMAT)} is wanted")
-        if name in MULTIPLIERS:
-            count, wanted = MULTIPLIERS[name]
-            try:
-                numbers = np.array(value.split(), float)
-            except ValueError:
-                numbers = np.zeros(0)
-            if len(numbers) != count or not (np.isfinite(numbers) & (numbers > 0)).all():
-                raise ValueError(f"{BROKEN}: {name.decode()} is {_shown(value)}, and {wanted} wanted")
-            multipliers = multipliers * numbers
-    return multipliers
+        if name not in stated:
+            continue
+        try:
+            numbers = np.array(value.split(), float)
+        except ValueError:
+            numbers = np.zeros(0)
+        is_factor = name in FACTORS
+        count, wanted = FACTORS.get(name, (8, "eight numbers are"))
+        if len(numbers) != count or not (np.isfinite(numbers).all() and (not is_factor or (numbers > 0).all())):
+            raise ValueError(f"{BROKEN}: {name.decode()} is {_shown(value)}, and {wanted} wanted")
+        if is_factor:
+            stated[name] = stated[name] * numbers
+        elif numbers.any():  # Photoshop writes eight zeros, which say nothing.
+            stated[name] = numbers
+    if stated[b"GAMMA"] != 1:
+        raise ValueError(f"says that its GAMMA is {stated[b'GAMMA'].item():g}, and linear light is wanted")
+    return stated
 
 
 def _scan_lines(data: bytes, position: int, lines: int, length: int) -> np.ndarray:

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.images.exif import upright
+from raytrace_jax.images.exif import orientation_of, upright
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.transfer import DECODERS, ColourSpace, largest_number
+from raytrace_jax.images.transfer import DECODERS, NEARLY, ColourSpace, largest_number
 
 KEY = "raytrace_jax"
 """The attribute of an OpenEXR file, and the keyword of a PNG file's text, that holds how a picture was made."""
@@ -52,6 +52,10 @@ class PictureFile:
         """How the file says that its numbers were made from light; None where it does not say."""
         return None
 
+    def pixel_aspect(self) -> float:
+        """The width of a pixel over its height, upright; 1 where the file does not say it."""
+        return 1.0
+
     def origin(self) -> PictureOrigin:
         """Where the picture comes from."""
         return PictureOrigin({}, "")
@@ -61,7 +65,7 @@ class PictureFile:
         raise NotImplementedError
 
     def light(self, transfer: Transfer | None = None) -> np.ndarray:
-        """The scene-linear float32 picture, "3 height width", top row first; a warning tells of other primaries.
+        """The scene-linear float32 picture, "3 height width", top row first; warnings tell of other primaries.
 
         The transfer says how integers were made; None is what the file says, else what is usual.
         """
@@ -72,9 +76,7 @@ class PictureFile:
         if isinstance(stated, ColourSpace):
             name = stated.name
             if is_float and not stated.is_linear:
-                raise self.error(
-                    f"has floats, which are scene-linear, and an ICC profile ({name}) that says they are not"
-                )
+                raise self.error(f"has floats, which are scene-linear, and says that they are not ({name})")
             if stated.to_rec_709 is not None:
                 self.tell(f"its primaries are others ({name}): its light is converted to Rec. 709's, those of sRGB.")
             numbers = stated.decode(numbers)
@@ -82,6 +84,10 @@ class PictureFile:
             numbers = DECODERS[stated](numbers, self.maximum)
         if not np.isfinite(numbers).all():
             raise self.error(f"{(~np.isfinite(numbers)).sum()} of its numbers are NaN or infinite")
+        aspect = self.pixel_aspect()
+        if abs(aspect - 1) > NEARLY:
+            shape = f"{aspect:.4g} times as wide as high"
+            self.tell(f"says that its pixels are {shape}; they are read as square: resample it to square ones.")
         return np.ascontiguousarray(np.moveaxis(numbers, -1, 0), np.float32)
 
     def error(self, words: str) -> PictureError:
@@ -112,6 +118,14 @@ class PaintableFile(PictureFile):
     def bits(self) -> int:
         """Of integers, 8 or 16; 0 is floats, which are scene-linear."""
         return {"uint8": 8, "half": 0, "float": 0, "double": 0}.get(str(self.spec.format), 16)
+
+    def pixel_aspect(self) -> float:
+        """By how many pixels there are to a length, across and down, or, of a JPEG without lengths, by their ratio."""
+        across, down = (self.spec.get_float_attribute(f"{axis}Resolution", 0.0) for axis in "XY")
+        # OpenImageIO has the ratio of a JPEG's densities upside down, but for those that are told as a ratio.
+        told = self.spec.get_float_attribute("PixelAspectRatio", 1.0)
+        aspect = down / across if across > 0 and down > 0 else told if told > 0 else 1.0
+        return 1 / aspect if orientation_of(self.path) > 4 else aspect
 
     def stored(self) -> np.ndarray:
         """All channels of the file's one picture, "height width channels", upright; an alpha is not multiplied in."""

@@ -8,7 +8,8 @@ import numpy as np
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.camera_files import RAW, RAW_STARTS, JpegFile, TiffFile
-from raytrace_jax.images.exr import MAGIC, ExrFile
+from raytrace_jax.images.exr import MAGIC
+from raytrace_jax.images.exr_file import ExrFile
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.own_readers import HDR_MAGIC, HdrFile, PpmFile
 from raytrace_jax.images.picture_file import PictureFile, PictureOrigin
@@ -97,7 +98,8 @@ def read_picture(
             NaN or infinite; what it says of its colours is not known.
 
     Warns:
-        PictureWarning: it was turned upright, or converted from other primaries; its compression has changed it.
+        PictureWarning: it was turned upright, or converted from other primaries; its compression has changed it; its
+            pixels are not square, and are read as if they were.
     """
     return read(path, layer=layer).light(transfer)
 

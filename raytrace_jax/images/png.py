@@ -24,7 +24,14 @@ from raytrace_jax.images import transfer as transfers
 from raytrace_jax.images.icc import read_profile
 from raytrace_jax.images.options import Bits, Transfer
 from raytrace_jax.images.picture_file import KEY, PaintableFile, PictureOrigin, to_json
-from raytrace_jax.images.transfer import REC_709, Chromaticities, ColourSpace, power_curve, srgb_to_linear
+from raytrace_jax.images.transfer import (
+    LINEAR_SPACES,
+    REC_709,
+    Chromaticities,
+    ColourSpace,
+    power_curve,
+    srgb_to_linear,
+)
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -47,9 +54,9 @@ CURVES = {1: srgb_to_linear, 4: power_curve(1 / 2.2), 5: power_curve(1 / 2.8), 8
 PRIMARIES: dict[int, Chromaticities] = {
     1: REC_709,
     2: REC_709,
-    9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
+    9: LINEAR_SPACES["lin_rec2020_scene"],
     11: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.314, 0.351),
-    12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
+    12: LINEAR_SPACES["lin_p3d65_scene"],
 }
 """Primaries by their code in `cICP`; those that are not said (2) are taken for the usual ones."""
 
@@ -152,8 +159,12 @@ class PngFile(PaintableFile):
         return 16 if self.chunks[b"IHDR"][8] == 16 else 8
 
     def stored(self) -> np.ndarray:
-        """As of any file, if all of it is there; a warning tells of several pictures, of which the first is read."""
+        """As of any file, if it is whole and of the full range; a warning tells of an animation: its first is read."""
         self._check_pixels()
+        cicp = self.chunks.get(b"cICP")
+        if cicp is not None and tuple(cicp[2:]) != (0, 1):
+            wanted = "RGB of the full range, which end in 0, 1 (ITU-T H.273), are wanted: convert the picture to sRGB"
+            raise self.error(f"says by cICP that its numbers are {tuple(cicp)}, and {wanted}")
         if b"acTL" in self.chunks:
             self.tell("is animated, and only its first picture is read.")
         return super().stored()

@@ -1,7 +1,8 @@
 """Stored numbers become light: by the course's transfer, by sRGB's, or by other curves and primaries that files state.
 
 `course` truncates, without gamma. `srgb` is what screens expect: IEC 61966-2-1, rounded. Light is converted to the
-primaries of Rec. 709, those of sRGB; it stays the same light, for white points are not adapted.
+primaries of Rec. 709, those of sRGB; it stays the same light, for white points are not adapted, but where a space is
+stated that is defined with this.
 """
 
 import functools
@@ -17,6 +18,22 @@ Chromaticities = tuple[float, ...]
 """The x and y of red, green, blue and white, eight numbers (CIE 1931)."""
 
 REC_709: Chromaticities = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+
+XYZ: Chromaticities = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)
+
+LINEAR_SPACES: dict[str, Chromaticities] = {
+    "lin_rec709_scene": REC_709,
+    "lin_p3d65_scene": (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
+    "lin_rec2020_scene": (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
+    "lin_adobergb_scene": (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290),
+    "lin_ap0_scene": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.0770, 0.32168, 0.33767),
+    "lin_ap1_scene": (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767),
+    "lin_ciexyzd65_scene": XYZ,
+}
+"""The scene-linear spaces that the Color Interop Forum names ("Color Space Encodings for Texture Assets")."""
+
+BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+"""From CIE XYZ to the responses of cones, by whose ratios an eye adapts to a white (von Kries)."""
 
 NEARLY = 2e-3
 """Chromaticities and elements of matrices that differ by less are one: files round them to three or four digits."""
@@ -97,13 +114,14 @@ def rgb_to_xyz(chromaticities: Chromaticities) -> np.ndarray:
     """The matrix from light in some primaries to CIE XYZ, with Y = 1 for white (SMPTE RP 177).
 
     Raises:
-        ValueError: they are no triangle with a white in it.
+        ValueError: they are no triangle with a white in it; the text completes "FILE: ".
     """
-    x, y = np.reshape(chromaticities, (4, 2)).T
-    if not (np.isfinite(chromaticities).all() and np.all(y != 0)):
+    if len(chromaticities) != 8 or not np.isfinite(chromaticities).all() or chromaticities[7] == 0:
         raise ValueError(f"has chromaticities that are none: {chromaticities}")
-    xyz = np.stack([x / y, np.ones(4), (1 - x - y) / y])
-    primaries, white = xyz[:, :3], xyz[:, 3]
+    x, y = np.reshape(chromaticities, (4, 2)).T
+    # A primary may have y = 0, as two of XYZ itself have: only the white has a brightness.
+    xyz = np.stack([x, y, 1 - x - y])
+    primaries, white = xyz[:, :3], xyz[:, 3] / y[3]
     if abs(np.linalg.det(primaries)) < 1e-9:
         raise ValueError(f"has chromaticities that are on one line: {chromaticities}")
     return primaries * np.linalg.solve(primaries, white)
@@ -111,9 +129,22 @@ def rgb_to_xyz(chromaticities: Chromaticities) -> np.ndarray:
 
 def to_rec_709(chromaticities: Chromaticities) -> np.ndarray | None:
     """The matrix "3 3" from light in some primaries to Rec. 709's; None if they are its own. Raises ValueError."""
-    if np.allclose(chromaticities, REC_709, atol=NEARLY):
+    if len(chromaticities) == 8 and np.allclose(chromaticities, REC_709, atol=NEARLY):
         return None
     return np.linalg.solve(rgb_to_xyz(REC_709), rgb_to_xyz(chromaticities))
+
+
+def linear_space(name: str, chromaticities: Chromaticities, *, adapts: bool = False) -> ColourSpace | None:
+    """The space of light in some primaries; None if these are Rec. 709's. Raises ValueError as `rgb_to_xyz`.
+
+    `adapts` makes its white that of Rec. 709, as the Color Interop Forum wants it of all its spaces but XYZ.
+    """
+    matrix = to_rec_709(chromaticities)
+    if adapts and matrix is not None and chromaticities != XYZ:
+        to_cones = BRADFORD @ rgb_to_xyz(REC_709)
+        cones = to_cones @ matrix
+        matrix = np.linalg.solve(to_cones, cones * (to_cones.sum(axis=1) / cones.sum(axis=1))[:, None])
+    return None if matrix is None else ColourSpace(name, power_curve(1.0), matrix)
 
 
 def rounding_of(colors: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
