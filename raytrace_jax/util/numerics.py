@@ -161,3 +161,23 @@ def cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
     """Cast float64 to the scene's dtype; what is too large becomes infinite, what is too small zero."""
     with np.errstate(over="ignore", under="ignore"):
         return values.astype(dtype)
+
+
+def real_numbers(values: object) -> np.ndarray:
+    """Values as an array of real numbers, of which those that `numpy.ma` masks are NaN.
+
+    Raises:
+        ValueError: they are no real numbers; the message is what follows their name.
+    """
+    try:
+        array = np.ma.asarray(values)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"is no array of numbers, but a {type(values).__name__}") from None
+    if not any(jnp.issubdtype(array.dtype, kind) for kind in (np.floating, np.integer, np.bool_)):
+        raise ValueError(f"is an array of the dtype {array.dtype}, and real numbers are wanted")
+    return array.astype(float).filled(np.nan) if np.ma.is_masked(array) else array.data
+
+
+def is_masked(values: object) -> Bool[np.ndarray, "*any"]:
+    """Which of some values `numpy.ma` masks."""
+    return np.ma.getmaskarray(np.ma.asarray(values))
