@@ -1,5 +1,4 @@
 import math
-from pathlib import Path
 
 import hypothesis.extra.numpy as hnp
 import jax.numpy as jnp
@@ -97,6 +96,8 @@ def test_metadata_takes_numbers_of_numpy_and_jax(tmp_path):
         ({}, {}, "not no channels"),
         ({"R": RED, "G": GREEN[:3]}, {}, r"one shape are wanted, not R \(9, 13\), G \(3, 13\)"),
         ({"R": -np.inf * np.ones((2, 2))}, {}, "channel R has 4 pixels that are NaN, infinite or masked"),
+        (np.ma.masked_equal(np.ones((3, 2, 2), int), 1), {}, "channel R has 4 pixels that are NaN, infinite or masked"),
+        ({"R": RED.astype(object)}, {}, "channel R is an array of the dtype object, and real numbers are wanted"),
         ({"R": np.full((2, 2), -70000.0)}, {"half": True}, "channel R reaches 70000, and float16 ends at 65504"),
         ({"R": np.full((2, 2), 1e39)}, {}, "channel R reaches 1e.39, and float32 ends at"),
         ({"RGB": np.zeros((2, 2, 3))}, {}, r"float64 of shape \(2, 2, 3\)"),
