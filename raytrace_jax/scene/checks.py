@@ -41,7 +41,7 @@ def check_values(scene: Scene) -> None:
             wrong = ~np.all(np.isfinite(values), axis=0)
             limit = attribute.limit if attribute.limit in _NEEDED else None
             if limit:
-                # A picture and its derivatives are divided by powers of it: what has no fourth one in its dtype is as 0.
+                # Pictures and derivatives are divided by powers of it: what has no fourth one in its dtype is as 0.
                 felt = np.where(np.abs(values) < np.finfo(values.dtype).tiny ** 0.25, 0, values)
                 wrong |= np.array([not limit.holds(of_block) for of_block in felt.T], bool)
             if wrong.any():
