@@ -92,7 +92,7 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
             f"the target is {picture.shape[2]} x {picture.shape[1]} pixels, the scene renders {width} x {height}; "
             "set the size to the target's, or crop"
         )
-    hidden = is_masked(target).any(axis=0)
+    hidden = np.any(is_masked(target), axis=0)
     weight = _checked_weights(np.ones(hidden.shape) if weights is None else weights, hidden)
     counts = weight > 0
     bad = int(np.sum(~np.isfinite(picture[:, counts])))

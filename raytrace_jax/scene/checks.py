@@ -7,10 +7,10 @@ import numpy as np
 from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.parameters import material_of, scene_types, shape_blocks
 from raytrace_jax.scene.response import RGB
-from raytrace_jax.scene.rows import is_traced
 from raytrace_jax.scene.scene import ImagePlaneCamera, Scene
 from raytrace_jax.scene.schema import NOT_ALL_ZERO, POSITIVE
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.util.numerics import is_traced
 from raytrace_jax.util.text import listed
 
 _NEEDED = (POSITIVE, NOT_ALL_ZERO)
