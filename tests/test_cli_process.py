@@ -105,6 +105,15 @@ def test_help_into_a_closed_pipe_is_no_error():
         assert reader.stderr.read() == b""
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell closes stdout")
+def test_without_a_stdout_the_command_is_refused():
+    command = f"{sys.executable} -m raytrace_jax info {VITREOUS} >&-"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    ended = subprocess.run(["sh", "-c", command], env=environment, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
+    assert ended.stderr.startswith("error: stdout is closed, and results are printed there")
+
+
 def test_a_process_exits_with_the_code():
     done = process("format", "none.txt")
     assert (done.returncode, done.stdout) == (1, "")

@@ -1,12 +1,14 @@
 import errno
 import os
 import stat
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from raytrace_jax import PictureError, RaytraceError
-from raytrace_jax.util.files import atomic_write, read_bytes
+from raytrace_jax import PictureError, RaytraceError, read_picture, write_exr, write_png
+from raytrace_jax.util.files import atomic_write, read_bytes, write_text
 
 
 def names(folder):
@@ -101,3 +103,13 @@ def test_unreadable_files_are_explained(tmp_path):
         with pytest.raises(RaytraceError, match=words) as caught:
             read_bytes(path)
         assert str(caught.value).startswith(str(Path(path)))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are Unicode")
+@pytest.mark.parametrize(("write", "name"), [(write_exr, b"\xff.exr"), (write_png, b"\xff.png")])
+def test_the_name_of_a_picture_need_not_be_utf8(write, name, tmp_path):
+    path = tmp_path / os.fsdecode(b"folder\xfe") / os.fsdecode(name)
+    write(path, np.ones((3, 2, 4)))
+    np.testing.assert_array_equal(read_picture(path), np.ones((3, 2, 4)))
+    write_text(path, f"{path.name} and ü")
+    assert path.read_text(encoding="utf-8") == f"\\udcff{path.suffix} and ü"

@@ -68,6 +68,12 @@ def with_value(value, *places, of=TARGET):
     return changed
 
 
+def masked(values, *places):
+    """An array of `numpy.ma` with junk under its mask."""
+    hidden = with_value(True, *places, of=np.zeros(values.shape, bool))
+    return np.ma.array(np.where(hidden, 5, values), mask=hidden)
+
+
 GREY = np.full_like(TARGET, 0.25)
 
 
@@ -84,11 +90,30 @@ GREY = np.full_like(TARGET, 0.25)
         (TARGET, with_value(-1.0, (0, 0), (3, 3), of=HOLE), "2 values that are negative, NaN or infinite"),
         (TARGET, with_value(np.inf, (0, 0), of=HOLE), "1 values that are negative, NaN or infinite"),
         (TARGET, 0 * HOLE, "the mask is 0 everywhere"),
+        (masked(TARGET, ...), None, "the mask is 0 everywhere"),
+        (masked(with_value(1.0, (0, 1, 2), of=GREY), (0, 1, 2)), None, "one constant colour, as far as the mask"),
+        (TARGET.astype(object), None, "the target is an array of the dtype object, and real numbers are wanted"),
+        (TARGET.astype(str), None, "the target is an array of the dtype <U"),
+        (TARGET.astype(complex), None, "the target is an array of the dtype complex128"),
+        ([TARGET[0], TARGET[1, :2]], None, "the target is no array of numbers, but a list"),
+        (TARGET, HOLE.astype(object), "the mask is an array of the dtype object"),
     ],
 )
 def test_what_makes_no_sense_is_refused(target, weights, words):
     with pytest.raises(PictureError, match=words):
         seen(target, weights)
+
+
+@pytest.mark.parametrize("mask_out", [lambda values: values, list], ids=["whole", "channels"])
+def test_pixels_masked_by_numpy_do_not_count(mask_out):
+    target, weights = masked(TARGET, (0, 1, 2), (2, 3, 4)), with_value(np.nan, (0, 0), of=np.full(HOLE.shape, 2.0))
+    wanted = with_value(0.0, (1, 2), (3, 4), of=np.ones_like(HOLE))
+    np.testing.assert_array_equal(seen(mask_out(target)).root_weight, wanted)
+    found = seen(mask_out(target), np.ma.masked_invalid(weights))
+    np.testing.assert_allclose(found.root_weight**2, with_value(0.0, (0, 0), of=2 * wanted))
+    np.testing.assert_array_equal(found.target, np.where(found.root_weight > 0, TARGET, 0))
+    three = masked(np.ones(TARGET.shape, int), (1, 1, 2), (1, 3, 4))
+    np.testing.assert_array_equal(seen(TARGET, three).root_weight, wanted)
 
 
 def test_a_target_that_is_constant_but_for_one_pixel_is_taken():

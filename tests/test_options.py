@@ -40,6 +40,7 @@ def test_options_do_not_start_jax():
         ({"priors": {"ball.ior": (1.5, "0.1")}}, "priors is .*; wanted "),
         ({"ties": {"ball.ior": 1}}, "ties is .*; wanted "),
         ({"uncertain": {"ball.center": (0.1, 0.1)}}, "uncertain is .*; wanted "),
+        ({"sigma": 10**400}, "sigma is 1000.*; wanted a finite standard deviation"),
         ({"sigma": "0.01"}, "sigma is .*; wanted "),
         ({"blur": 3}, "blur is .*; wanted "),
         ({"profiles": "ball.ior"}, "profiles is .*; wanted "),

@@ -83,6 +83,8 @@ def test_unknown_names_say_what_exists(name, words):
         ({"vitreous.center.x": np.nan}, ["finite", "nan"]),
         ({"vitreous.center": (1, 2, np.inf)}, ["finite", "inf"]),
         ({"vitreous.center.x": 1e39}, ["finite in float32", "1e+39"]),
+        ({"vitreous.center.x": 10**400}, ["finite in float32", "'1000"]),
+        ({"vitreous.center": np.ma.array([1.0, 2.0, 3.0], mask=[0, 0, 1])}, ["finite in float32", "--"]),
         ({"vitreous.center": 1.0}, ["takes 3 numbers, got 1 number."]),
         ({"vitreous.radius": (1, 2)}, ["takes 1 number", "got 2 numbers"]),
         ({"vitreous.center": [1, np.ones(2), 3]}, ["row of numbers"]),

@@ -60,6 +60,7 @@ BAD_INPUT = [
     (1, [*BALL, "--camera", "none.toml"], ["none.toml", "no such file"]),
     (1, [*BALL, "--camera", "file"], ["file: is no lens", "raytrace-jax calibrate"]),
     (2, ["calibrate", "photo.png", "-o", "camera.toml"], ["--board"]),
+    (1, ["calibrate", "photo.png", "--board", "board.txt", "-o", "."], [".: cannot be written: it is a folder"]),
     (1, [*CALIBRATE[:1], "photo.png", "photo.png", *CALIBRATE[1:]], ["2 pictures are too few", "3 are wanted"]),
     (1, [*CALIBRATE[:1], "photo.png", "none.png", "photo.png", *CALIBRATE[1:]], ["none.png", "no such file"]),
 ]

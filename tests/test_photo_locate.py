@@ -275,6 +275,15 @@ def test_a_board_whose_markers_lie_elsewhere_is_another_one(picture, share, boar
         calibrate([other] * 3, board)
 
 
+@pytest.mark.parametrize("turn", [np.s_[:, :, ::-1], np.s_[:, ::-1]], ids=["left-right", "top-bottom"])
+def test_a_mirrored_picture_is_said_to_be_one(turn, board):
+    mirrored = photograph_of(flat_picture(PATTERN)[turn], "mirrored")
+    with pytest.raises(PictureError, match=r"mirrored: 8 markers .* and 0 are found, but 70 in its mirror image"):
+        locate(mirrored, board, (RADIUS, 0.0), uncalibrated())
+    with pytest.raises(PictureError, match=r"mirrored: .* mirror the file back, as by `magick FILE -flop FILE`"):
+        calibrate([mirrored] * 3, board)
+
+
 def test_too_few_pictures_or_pictures_of_two_sizes_are_no_calibration(board):
     picture = photograph_of(flat_picture(PATTERN), "flat")
     with pytest.raises(PictureError, match="2 pictures are too few for a calibration: 3 are wanted"):

@@ -171,7 +171,10 @@ def test_reads_interlaced_16_bits(stored):
     [
         (RGB[0], {}, r"shape is \(9, 13\), and \(3, height, width\) is wanted"),
         (np.zeros((3, 0, 4)), {}, r"shape is \(3, 0, 4\)"),
-        (np.full((3, 1, 1), np.nan), {}, "3 of its numbers are NaN or infinite"),
+        (np.full((3, 1, 1), np.nan), {}, "3 of its numbers are NaN, infinite or masked"),
+        (np.ma.masked_less(RGB, RGB.max()), {}, f"{RGB.size - 1} of its numbers are NaN, infinite or masked"),
+        (RGB.astype(str), {}, "the picture is an array of the dtype <U"),
+        (dict(zip("RGB", RGB.astype(object), strict=True)), {}, "the picture is an array of the dtype object"),
         (RGB, {"transfer": "gamma"}, "no transfer 'gamma'; there are course and srgb"),
         (RGB, {"bits": 12}, "no number of bits 12; there are 8 and 16"),
     ],

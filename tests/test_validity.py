@@ -39,6 +39,17 @@ def test_a_scene_made_by_hand_is_refused_when_it_is_rendered(radius):
         (lambda scene: scene.lights.emissivity, np.inf, "light .*: emissivity must be finite, got inf inf inf"),
         (lambda scene: scene.planes.normal, 0.0, "plane .*: normal must be finite and a vector other than 0 0 0"),
         (lambda scene: scene.materials.ior, 0.0, "material .*: ior must be finite and greater than 0, got 0.0"),
+        (
+            lambda scene: scene.spheres.radius,
+            5e-324,
+            "sphere .*: radius must be .* got 5e-324, which is too small for fl",
+        ),
+        (
+            lambda scene: scene.planes.normal,
+            1e-200,
+            "plane .*: normal must be .* 1e-200, which is too small for float64",
+        ),
+        (lambda scene: scene.camera.worlddim, np.float32(1e-12), "worlddim must be .*, which is too small for float32"),
     ],
 )
 def test_every_number_is_looked_at(where, value, words):

@@ -130,6 +130,9 @@ def run(arguments: Sequence[str]) -> int:
 
     No exception leaves this function; `RAYTRACE_JAX_TRACEBACK=1` in the environment shows tracebacks.
     """
+    if sys.stdout is None:  # Python's, where the process was started without one.
+        print_error("stdout is closed, and results are printed there: send it elsewhere, as by >/dev/null.")
+        return FAILED
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # A file name may have characters that its encoding lacks.
             stream.reconfigure(errors="backslashreplace")

@@ -70,9 +70,14 @@ def check_single(scene: Scene, name: str, option: str) -> None:
 
 def check_picture_path(path: Path, suffixes: tuple[str, str] = (".exr", ".png"), what: str = "a picture") -> None:
     """Refuse the path of a picture, or of `what` else it is, that has a wrong suffix or cannot be written."""
+    check_file(path)
     if path.suffix.lower() not in suffixes:
         wanted = " or ".join(suffixes)
         raise UsageError(f"{path}: {what}'s name ends in {wanted}, not in {path.suffix or 'neither'!r}.")
+
+
+def check_file(path: Path) -> None:
+    """Refuse the path of a file that cannot be written."""
     if path.is_dir():
         raise RaytraceError(f"{path}: cannot be written: it is a folder, and the name of a file is wanted.")
     check_folder(path.parent)

@@ -13,9 +13,9 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import OpenEXR
 from jax.typing import ArrayLike
@@ -23,6 +23,7 @@ from jax.typing import ArrayLike
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.picture_file import KEY, to_json
 from raytrace_jax.util.files import atomic_write, read_bytes
+from raytrace_jax.util.numerics import real_numbers
 
 MAGIC = b"\x76\x2f\x31\x01"
 """The first four bytes of every OpenEXR file."""
@@ -73,7 +74,7 @@ def write_exr(
             came = f"an array of shape {np.shape(channels)}" if hasattr(channels, "shape") else type(channels).__name__
             wanted = "an array of shape (3, height, width) or channels by their names is wanted"
             raise PictureError(f"{where}: {wanted}, not {came}")
-        channels = dict(zip(RGB, np.asarray(channels), strict=True))
+        channels = dict(zip(RGB, np.ma.asarray(channels), strict=True))
     dtype = np.float16 if half else np.float32
     pixels = {name: _storable(where, name, values, dtype) for name, values in channels.items()}
     shapes = {name: array.shape for name, array in pixels.items()}
@@ -89,19 +90,21 @@ def write_exr(
     }
     with atomic_write(path, error=PictureError) as temporary:
         try:
-            OpenEXR.File(header, pixels).write(str(temporary))
+            with temporary.open("wb") as file:
+                OpenEXR.File(header, pixels).write(file)
         except RuntimeError as cause:
-            # OpenEXR names the temporary file in its errors; users know the one they asked for.
-            raise PictureError(f"{where}: {str(cause).replace(str(temporary), str(path))}") from cause
+            raise PictureError(f"{where}: {cause}") from cause
 
 
 def _storable(where: str, name: str, values: object, dtype: type[np.floating]) -> np.ndarray:
     """Return a contiguous array of the stored type, or refuse what the file cannot hold truthfully."""
     if not name or "\0" in name:
         raise PictureError(f"{where}: {name!r} is not a channel name")
-    array = np.asarray(values)
-    is_real = any(jnp.issubdtype(array.dtype, kind) for kind in (np.floating, np.integer, np.bool_))
-    if not is_real or array.ndim != 2 or array.size == 0:
+    try:
+        array = real_numbers(values)
+    except ValueError as reason:
+        raise PictureError(f"{where}: channel {name} {reason}") from None
+    if array.ndim != 2 or array.size == 0:
         came = f"{array.dtype} of shape {array.shape}"
         raise PictureError(f"{where}: channel {name} is {came}, and real numbers of shape (height, width) are wanted")
     refuse_not_finite(where, name, array)
@@ -119,7 +122,7 @@ def refuse_not_finite(where: str, name: str, array: np.ndarray) -> None:
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         first = f"the first in row {bad[0, 0]}, column {bad[0, 1]}"
-        raise PictureError(f"{where}: channel {name} has {len(bad)} pixels that are NaN or infinite, {first}")
+        raise PictureError(f"{where}: channel {name} has {len(bad)} pixels that are NaN, infinite or masked, {first}")
 
 
 def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPicture:
@@ -165,6 +168,12 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
     )
 
 
+def opened(path: str | os.PathLike[str], **how: bool) -> OpenEXR.File:
+    """What OpenEXR reads of a file: as a stream, since a name need not be UTF-8, and OpenEXR's have to."""
+    with Path(path).open("rb") as file:
+        return OpenEXR.File(file, **how)
+
+
 def _load_parts(path: str | os.PathLike[str]) -> list[OpenEXR.Part]:
     """Return the parts with their pixels, after checks that OpenEXR leaves to its caller."""
     start = read_bytes(path, count=4, error=PictureError)
@@ -172,7 +181,7 @@ def _load_parts(path: str | os.PathLike[str]) -> list[OpenEXR.Part]:
         what = "is empty" if not start else "is not an OpenEXR file (its first bytes differ)"
         raise PictureError(f"{path}: {what}")
     try:
-        headers = OpenEXR.File(str(path), separate_channels=True, header_only=True).parts
+        headers = opened(path, separate_channels=True, header_only=True).parts
         for part in headers:
             if part.type() not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
                 raise PictureError(f"{path}: has deep pixels ({part.type().name}), and a flat picture is wanted")
@@ -181,7 +190,7 @@ def _load_parts(path: str | os.PathLike[str]) -> list[OpenEXR.Part]:
                 raise PictureError(f"{path}: channel {halved[0]} is subsampled; save the picture with R, G, B instead")
         # OpenEXR only prints when it cannot read a part, and leaves that part out.
         with contextlib.redirect_stdout(io.StringIO()):
-            parts = OpenEXR.File(str(path), separate_channels=True).parts
+            parts = opened(path, separate_channels=True).parts
     except (RuntimeError, ValueError, MemoryError) as cause:
         raise PictureError(f"{path}: is a truncated or broken OpenEXR file: {cause}") from cause
     if not parts or len(parts) != len(headers):

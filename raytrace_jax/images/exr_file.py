@@ -5,10 +5,18 @@ from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
-import OpenEXR
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.images.exr import RGB, ExrPicture, by_layer, find_layer, read_exr, read_metadata, refuse_not_finite
+from raytrace_jax.images.exr import (
+    RGB,
+    ExrPicture,
+    by_layer,
+    find_layer,
+    opened,
+    read_exr,
+    read_metadata,
+    refuse_not_finite,
+)
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.picture_file import PictureFile, PictureOrigin
 from raytrace_jax.images.transfer import (
@@ -107,7 +115,7 @@ class ExrFile(PictureFile):
     def origin(self) -> PictureOrigin:
         """The metadata of `write_exr`, and the attribute `generatedBy`."""
         try:
-            header = OpenEXR.File(str(self.path), header_only=True).parts[0].header
+            header = opened(self.path, header_only=True).parts[0].header
         except (RuntimeError, ValueError, IndexError) as cause:
             raise self.error(f"is a truncated or broken OpenEXR file: {cause}") from cause
         return PictureOrigin(read_metadata(self.path, header), str(header.get("generatedBy", "")))

@@ -17,6 +17,7 @@ from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.exif import orientation_of, upright
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.transfer import DECODERS, NEARLY, ColourSpace, largest_number
+from raytrace_jax.util.text import is_unicode
 
 KEY = "raytrace_jax"
 """The attribute of an OpenEXR file, and the keyword of a PNG file's text, that holds how a picture was made."""
@@ -179,7 +180,8 @@ class PaintableFile(PictureFile):
         how.attribute("oiio:UnassociatedAlpha", 1)
         with contextlib.ExitStack() as stack:
             named = Path(self.path)
-            if named.suffix.lower() not in self.suffixes:
+            # OpenImageIO's names are UTF-8, those of files need not be.
+            if named.suffix.lower() not in self.suffixes or not is_unicode(str(named)):
                 named = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"picture{self.suffixes[0]}"
                 shutil.copyfile(self.path, named)
             file = oiio.ImageInput.open(str(named), how)

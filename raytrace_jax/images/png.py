@@ -33,6 +33,7 @@ from raytrace_jax.images.transfer import (
     srgb_to_linear,
 )
 from raytrace_jax.util.files import atomic_write, read_bytes
+from raytrace_jax.util.numerics import real_numbers
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 """The first eight bytes of every PNG file."""
@@ -98,12 +99,15 @@ def write_png(
         missing = [name for name in "RGB" if name not in rgb]
         if missing:
             raise PictureError(f"{where}: channels R, G and B are wanted, and {', '.join(missing)} is not there")
-        rgb = np.stack([np.asarray(rgb[name]) for name in "RGB"])
-    colours = np.asarray(rgb)
+        rgb = np.ma.stack([rgb[name] for name in "RGB"])
+    try:
+        colours = real_numbers(rgb)
+    except ValueError as reason:
+        raise PictureError(f"{where}: the picture {reason}") from None
     if colours.ndim != 3 or colours.shape[0] != 3 or colours.size == 0:
         raise PictureError(f"{where}: its shape is {colours.shape}, and (3, height, width) is wanted")
     if not np.isfinite(colours).all():
-        raise PictureError(f"{where}: {(~np.isfinite(colours)).sum()} of its numbers are NaN or infinite")
+        raise PictureError(f"{where}: {(~np.isfinite(colours)).sum()} of its numbers are NaN, infinite or masked")
     samples = np.moveaxis(transfers.ENCODERS[transfer](colours, bits=bits), 0, -1)
     height, width, _ = samples.shape
     rows = samples.reshape(height, -1).astype(f">u{bits // 8}", order="C").view(np.uint8)

@@ -57,7 +57,8 @@ def fit(
 
     Args:
         scene: the scene; its values are the first start, its dtype the precision.
-        target: scene-linear RGB, top row first, of the size that `settings` render; NaN where the weight is 0.
+        target: scene-linear RGB, top row first, of the size that `settings` render. NaN may stand where the weight is
+            0; a pixel that `numpy.ma` masks, here or in the weights, has the weight 0.
         settings: how the target was rendered; its `edges` is not used. None takes the settings in the scene's file.
         weights: weight of each pixel in the sum of squares, 0 to leave it out; "height width".
         storage: how a JPEG has compressed the target (`jpeg_storage`): its bias is taken off.

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import bin_pixels, gaussian_blur
@@ -31,6 +31,7 @@ from raytrace_jax.tracer.pixels import (
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.run import Points
 from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.numerics import is_masked, real_numbers
 
 
 class Observation(eqx.Module):
@@ -69,20 +70,21 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
     """Check target and weights and bring them to the scene's dtype.
 
     Args:
-        target: scene-linear RGB, top row first; NaN may stand where the weight is 0.
+        target: scene-linear RGB, top row first; NaN may stand where the weight is 0. A pixel of which `numpy.ma` masks
+            a channel, here or in the weights, has the weight 0.
         weights: weight of each pixel, "height width" or "3 height width" (the channels' mean is taken), 0 or more;
             None is 1 everywhere.
 
     Raises:
-        PictureError: another size than the render, NaN, infinity, a constant target, or weights that are negative,
-            or all zero.
+        PictureError: no numbers, another size than the render, NaN, infinity, a constant target, or weights that are
+            negative, or all zero.
 
     Warns:
         PictureWarning: the target's colours are hardly those of such a scene.
     """
     # The size, and what is to be fitted: finite, and not all of one colour.
     _, _, width, height = settings.window(scene.camera.pixeldim)
-    picture = np.asarray(target)
+    picture = _numbers(target, "target")
     if picture.ndim != 3 or picture.shape[0] != 3:
         raise PictureError(f"the target has shape {picture.shape}; wanted (3, {height}, {width})")
     if picture.shape[1:] != (height, width):
@@ -90,7 +92,8 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
             f"the target is {picture.shape[2]} x {picture.shape[1]} pixels, the scene renders {width} x {height}; "
             "set the size to the target's, or crop"
         )
-    weight = np.ones((height, width)) if weights is None else _checked_weights(np.asarray(weights), (height, width))
+    hidden = np.any(is_masked(target), axis=0)
+    weight = _checked_weights(np.ones(hidden.shape) if weights is None else weights, hidden)
     counts = weight > 0
     bad = int(np.sum(~np.isfinite(picture[:, counts])))
     if bad:
@@ -100,7 +103,7 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
     picture = np.where(counts, picture, 0)
     seen = picture[:, counts]
     if np.all(seen == seen[:, :1]):
-        where = "" if weights is None else ", as far as the mask shows it"
+        where = "" if counts.all() else ", as far as the mask shows it"
         raise PictureError(f"the target is one constant colour{where}; there is nothing in it to fit")
     for sentence in _oddities(seen, scene):
         warnings.warn(sentence, PictureWarning, stacklevel=2)
@@ -124,11 +127,22 @@ def _oddities(colours: np.ndarray, scene: Scene) -> list[str]:
     return found
 
 
-def _checked_weights(weight: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    weight = weight.mean(0) if weight.ndim == 3 else weight
-    if weight.shape != size:
-        found = " x ".join(map(str, weight.shape[::-1]))
-        raise PictureError(f"the mask is {found} pixels, the target {size[1]} x {size[0]}")
+def _numbers(values: ArrayLike, name: str) -> np.ndarray:
+    try:
+        return real_numbers(values)
+    except ValueError as reason:
+        raise PictureError(f"the {name} {reason}") from None
+
+
+def _checked_weights(weights: ArrayLike, hidden: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
+    """The weights of all pixels, 0 for those that are hidden and for those of which a weight is masked."""
+    weight, masked = _numbers(weights, "mask"), is_masked(weights)
+    if weight.ndim == 3:
+        weight, masked = weight.mean(axis=0), masked.any(axis=0)
+    if weight.shape != hidden.shape:
+        size, wanted = (" x ".join(map(str, shape[::-1])) for shape in (weight.shape, hidden.shape))
+        raise PictureError(f"the mask is {size} pixels, the target {wanted}")
+    weight = np.where(hidden | masked, 0.0, weight)
     bad = int(np.sum(~(np.isfinite(weight) & (weight >= 0))))
     if bad:
         raise PictureError(f"the mask has {bad} values that are negative, NaN or infinite; weights are 0 or more")

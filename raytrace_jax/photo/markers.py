@@ -125,6 +125,12 @@ def _too_few(
 ) -> str:
     """Why a photograph shows too few markers of a board, as far as it can be told, and what to do."""
     wanted = f"{LEAST_DIRECT} markers of {board.path} are wanted, and {ours} are found"
+    mirrored = int(np.sum(np.isin(markers_in(np.ascontiguousarray(grey[:, ::-1]), board.dictionary)[1], board.ids)))
+    if mirrored >= LEAST_DIRECT:
+        return (
+            f"{wanted}, but {mirrored} in its mirror image: it is mirrored, as a front camera may save it. Turn the "
+            "mirroring off in the camera, or mirror the file back, as by `magick FILE -flop FILE` (ImageMagick)."
+        )
     if len(ids) >= LEAST_DIRECT:
         return f"{wanted}, beside {len(ids) - ours} of another board: which board was photographed?"
     others = {

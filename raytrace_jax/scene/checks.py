@@ -7,10 +7,10 @@ import numpy as np
 from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.parameters import material_of, scene_types, shape_blocks
 from raytrace_jax.scene.response import RGB
-from raytrace_jax.scene.rows import is_traced
 from raytrace_jax.scene.scene import ImagePlaneCamera, Scene
 from raytrace_jax.scene.schema import NOT_ALL_ZERO, POSITIVE
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.util.numerics import is_traced
 from raytrace_jax.util.text import listed
 
 _NEEDED = (POSITIVE, NOT_ALL_ZERO)
@@ -21,7 +21,7 @@ _checked: list[object] = []
 
 
 def check_values(scene: Scene) -> None:
-    """Refuse numbers that are not finite, lengths and indices that are not positive, no direction, flat glass.
+    """Refuse numbers that are not finite, lengths and indices that are 0, nearly so or less, no direction, flat glass.
 
     Weights beyond 0 to 1 pass: a finite difference may take them there. What is traced has no values yet.
 
@@ -41,12 +41,16 @@ def check_values(scene: Scene) -> None:
             wrong = ~np.all(np.isfinite(values), axis=0)
             limit = attribute.limit if attribute.limit in _NEEDED else None
             if limit:
-                wrong |= np.array([not limit.holds(of_block) for of_block in values.T], bool)
+                # Pictures and derivatives are divided by powers of it: what has no fourth one in its dtype is as 0.
+                felt = np.where(np.abs(values) < np.finfo(values.dtype).tiny ** 0.25, 0, values)
+                wrong |= np.array([not limit.holds(of_block) for of_block in felt.T], bool)
             if wrong.any():
                 column = int(np.argmax(wrong))
                 name = group.name if row.is_single else group.names[column]
                 also = f" and {limit.wanted}" if limit else ""
                 got = " ".join(map(str, values[:, column]))
+                if limit and np.all(np.isfinite(values[:, column])) and limit.holds(values[:, column]):
+                    got += f", which is too small for {values.dtype}"
                 raise SceneError(f"{row.keyword} {name!r}: {attribute.name} must be finite{also}, got {got}.")
     if scene.model == "physical":
         _check_glass(scene)

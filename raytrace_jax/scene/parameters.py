@@ -17,11 +17,12 @@ from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.response import FILM, OF_THE_CAMERA, RGB, neutral_response
-from raytrace_jax.scene.rows import Value, as_array, is_traced
+from raytrace_jax.scene.rows import Value, as_array
 from raytrace_jax.scene.scene import Scene, check_scene
 from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, COMPONENT_NAMES
+from raytrace_jax.util.numerics import is_traced
 from raytrace_jax.util.text import did_you_mean, listed, parse_number, quoted
 
 

@@ -16,7 +16,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array, Float
 
@@ -27,7 +26,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType, is_name
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, SETTINGS, SHAPE_KEYWORDS
-from raytrace_jax.util.numerics import cast
+from raytrace_jax.util.numerics import cast, is_traced, real_numbers
 from raytrace_jax.util.text import did_you_mean, listed, quoted, sentence
 
 Value = ArrayLike | Iterable[ArrayLike]
@@ -334,9 +333,12 @@ def _read_texels(block: Description, attribute_name: str, dtype: np.dtype) -> Fl
         shape = np.shape(value)
         if len(shape) != 3 or shape[0] != 3 or 0 in shape:
             raise refuse(f"file takes a path or an array of shape (3, height, width), got one of shape {shape}")
-        picture = jnp.asarray(value, dtype)
+        try:
+            picture = jnp.asarray(value if is_traced(value) else real_numbers(value), dtype)
+        except ValueError as reason:
+            raise refuse(f"file {reason}") from None
         if not is_traced(value) and not bool(jnp.all(jnp.isfinite(picture))):
-            raise refuse("file has an array with numbers that are not finite")
+            raise refuse("file has an array with numbers that are masked or not finite")
         return picture
     path = Path(value)
     if path.is_absolute() and block.origin.wants_relative_paths:
@@ -352,11 +354,6 @@ def _read_texels(block: Description, attribute_name: str, dtype: np.dtype) -> Fl
         raise refuse(f"the texture cannot be read: {reason}") from None
 
 
-def is_traced(value: object) -> bool:
-    """Whether a value, or anything in it, is only known when a program runs: it cannot be checked yet."""
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value))
-
-
 def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | np.ndarray:
     """An array of numbers, a NumPy array unless something in the value is traced; a single number may come in a row.
 
@@ -364,7 +361,10 @@ def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | n
         ValueError: no numbers, another shape, or not finite; the message is what follows the value's name.
     """
     try:
-        array = jnp.asarray(value, dtype) if is_traced(value) else cast(np.asarray(value, np.float64), dtype)
+        known = None if is_traced(value) else np.ma.asarray(value, np.float64).filled(np.nan)
+        array = jnp.asarray(value, dtype) if known is None else cast(known, dtype)
+    except OverflowError:
+        raise ValueError(f"must be finite in {dtype}, got {quoted(str(value))}") from None
     except (TypeError, ValueError):
         raise ValueError(f"takes a number or a row of numbers, got {quoted(str(value))}") from None
     if array.shape == (1,) and shape == ():

@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.util.text import is_unicode
 
 NO_BLOCK = -1
 """The column of a name that a block does without."""
@@ -249,4 +250,4 @@ class BlockType(NamedTuple):
 def is_name(text: str) -> bool:
     """Whether a text can name a block: one token that does not look like a comment."""
     is_one_token = bool(text) and not any(character.isspace() or character in "{}\0\ufeff" for character in text)
-    return is_one_token and not text.startswith(("#", "//"))
+    return is_one_token and is_unicode(text) and not text.startswith(("#", "//"))

@@ -17,7 +17,6 @@ from jaxtyping import Array, Float, Int
 from raytrace_jax.errors import SceneError, SettingsError
 from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.response import develop
-from raytrace_jax.scene.rows import is_traced
 from raytrace_jax.scene.scene import Scene, check_scene, map_scenes
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.geometry.camera import camera_rays
@@ -29,7 +28,7 @@ from raytrace_jax.tracer.run import Capacity, capacity_for, known_need, scene_ke
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.world import MOST_SHAPES, prepare_world
 from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import with_lower_ranks
+from raytrace_jax.util.numerics import is_traced, with_lower_ranks
 
 
 class Room(NamedTuple):

@@ -20,11 +20,11 @@ from raytrace_jax.images.png import write_png
 from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.response import develop_compiled, without_idle
-from raytrace_jax.scene.rows import is_traced
 from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.tracer.pixels import mean_of_samples, picture_pixels, pixel_outputs
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import AOVS, RenderSettings
+from raytrace_jax.util.numerics import is_traced
 from raytrace_jax.util.session import free_memory
 
 

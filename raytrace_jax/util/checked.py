@@ -99,7 +99,8 @@ def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
     if hint in (int, float):
         # A number of NumPy or JAX is one, too.
         is_one = isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
-        return (is_one or (hint is float and getattr(value, "shape", None) == ())) and (limits or Wanted()).holds(value)
+        is_one = is_one or (hint is float and getattr(value, "shape", None) == ())
+        return is_one and _is_float(value) and (limits or Wanted()).holds(value)
     if origin is Mapping:
         return isinstance(value, Mapping) and all(suits(k, kinds[0]) and suits(v, kinds[1]) for k, v in value.items())
     if origin in (tuple, Sequence):
@@ -111,6 +112,15 @@ def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
         each = kinds[:1] * len(value) if origin is Sequence or kinds[-1] is ... else kinds
         return len(each) == len(value) and all(suits(v, kind, limits) for v, kind in zip(value, each, strict=True))
     return isinstance(value, hint)
+
+
+def _is_float(number: Any) -> bool:
+    """Whether a number has a float: there are integers beyond them."""
+    try:
+        float(number)
+    except (OverflowError, TypeError, ValueError):
+        return False
+    return True
 
 
 def in_words(hint: Any) -> str:

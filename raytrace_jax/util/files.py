@@ -27,7 +27,7 @@ def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = R
     """
     target = Path(os.path.realpath(path))
     # The file is not made here: one from `tempfile` would be readable by its owner only.
-    temporary = target.with_name(f".{target.name}.part-{secrets.token_hex(4)}{target.suffix}")
+    temporary = target.parent / f".{target.name}.part-{secrets.token_hex(4)}{target.suffix}"
     try:
         if target.is_dir():
             raise error(f"{path}: cannot be written: it is a folder, and the name of a file is wanted")
@@ -46,9 +46,12 @@ def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = R
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text in UTF-8, whole or not at all. Raises RaytraceError as `atomic_write`."""
+    """Write a text in UTF-8, whole or not at all. Raises RaytraceError as `atomic_write`.
+
+    The name of a file in it need not be UTF-8: what UTF-8 lacks is written as on stdout.
+    """
     with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def read_bytes(path: str | os.PathLike[str], *, count: int = -1, error: type[RaytraceError] = RaytraceError) -> bytes:

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 T = TypeVar("T")
@@ -161,3 +162,28 @@ def cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
     """Cast float64 to the scene's dtype; what is too large becomes infinite, what is too small zero."""
     with np.errstate(over="ignore", under="ignore"):
         return values.astype(dtype)
+
+
+def is_traced(value: object) -> bool:
+    """Whether a value, or anything in it, is only known when a program runs: it cannot be checked yet."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value))
+
+
+def real_numbers(values: object) -> np.ndarray:
+    """Values as an array of real numbers, of which those that `numpy.ma` masks are NaN.
+
+    Raises:
+        ValueError: they are no real numbers; the message is what follows their name.
+    """
+    try:
+        array = np.ma.asarray(values)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"is no array of numbers, but a {type(values).__name__}") from None
+    if not any(jnp.issubdtype(array.dtype, kind) for kind in (np.floating, np.integer, np.bool_)):
+        raise ValueError(f"is an array of the dtype {array.dtype}, and real numbers are wanted")
+    return np.ma.filled(array.astype(float), np.nan) if np.ma.is_masked(array) else array.data
+
+
+def is_masked(values: object) -> Bool[np.ndarray, "*any"]:
+    """Which of some values `numpy.ma` masks."""
+    return np.ma.getmaskarray(np.ma.asarray(values))

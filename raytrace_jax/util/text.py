@@ -27,6 +27,11 @@ def listed(names: Iterable[str]) -> str:
     return (", ".join(shown) or "none") + rest
 
 
+def is_unicode(text: str) -> bool:
+    """Whether a text can be written: Python reads a file's name that is not UTF-8 as one that cannot."""
+    return not any("\ud800" <= character <= "\udfff" for character in text)
+
+
 def sentence(text: str) -> str:
     """The text with a full stop, unless it ends in a mark already."""
     return text if text.endswith((".", "?", "!")) else f"{text}."

@@ -24,8 +24,8 @@ SQUARE = 10.0
 
 def run_board(command: Board) -> int:
     """Write the board, its texture and its blocks; print their paths and the board's sizes."""
-    _check_options(command)
     check_picture_path(command.output, (".pdf", ".png"), "a board")
+    _check_options(command)
     opencv("`board`")
     pattern, where = (_show if command.screen else _print)(command)
     blocks, texture = _beside(command.output)

@@ -13,7 +13,7 @@ from rich.console import Console
 from raytrace_jax.cli.actions.fit import NOT_CONVERGED, provenance
 from raytrace_jax.cli.console import UsageError, blamed_on, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Calibrate, Photo
-from raytrace_jax.cli.preparation import check_folder
+from raytrace_jax.cli.preparation import check_file, check_folder
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import angle_of_view, camera_of, orientation_of
@@ -62,6 +62,7 @@ LENS_WORDS = ("angle of view", "k1", "k2", "principal point, right of the middle
 
 def run_calibrate(command: Calibrate) -> int:
     """Find the lens, write it and print its numbers."""
+    check_file(command.output)
     console = stderr_console(quiet=command.quiet)
     with jax_session(64), Timer("calibrating", console) as timer:
         board = read_board(command.board)
