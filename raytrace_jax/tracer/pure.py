@@ -120,8 +120,43 @@ def _moved_by_areas(settings: ResolvedSettings, room: Room, primals, tangents):
     return (image, overflow + more), (moved, np.zeros((), jax.dtypes.float0))
 
 
+@jax.custom_jvp
+def differentiable_once(scene: Scene) -> Scene:
+    """The scene itself, whose derivatives must not be differentiated again: those of areas are estimates.
+
+    The slopes of edges and the spreads of footprints are constants to the first derivative; a second one would lack
+    what they change.
+    """
+    return scene
+
+
+def _differentiable_once(primals, tangents):
+    return _not_differentiable(*primals), *tangents
+
+
+@jax.custom_jvp
+def _not_differentiable(scene: Scene) -> Scene:
+    return scene
+
+
+def _refuse_derivative(primals, tangents):
+    zeros = jax.custom_derivatives.SymbolicZero
+    if all(isinstance(tangent, zeros) for tangent in jax.tree.leaves(tangents)):
+        return *primals, *tangents
+    raise SettingsError(
+        "edges: a picture whose derivative contains the motion of edges has no second derivative; RenderSettings("
+        "edges='point') has one, without that motion, and Gauss-Newton steps (J^T J) do with first derivatives."
+    )
+
+
+differentiable_once.defjvp(_differentiable_once, symbolic_zeros=True)
+_not_differentiable.defjvp(_refuse_derivative, symbolic_zeros=True)
+
+
 def trace_light(scene: Scene, settings: ResolvedSettings, capacity: Capacity) -> Film:
     """The light that the camera receives, before any film."""
+    if settings.edges == "aware":
+        scene = differentiable_once(scene)
     x, y, width, height = settings.window(scene.camera.pixeldim)
     total, dtype = width * height, scene.camera.viewpoint.dtype
     world = prepare_world(scene, settings)
@@ -226,7 +261,8 @@ def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: f
     Where the settings do not say `edges`, pixels are the colours at their points (or the mean of `samples` x `samples`
     of them), and their derivative is that of their areas: it contains what a pixel gains or loses as an edge moves
     across it, and is paid for only where it is asked for. `edges="point"` has the derivative of the points, which lacks
-    that; `edges="aware"` has the values of areas as well.
+    that; `edges="aware"` has the values of areas as well. Second derivatives (`jax.hessian`) are those of points, with
+    `edges="point"`; those of areas are refused.
 
     Args:
         scene: concrete values; scenes given to the renderer have the same structure.

@@ -275,6 +275,9 @@ def intersect(
     hit_shape = take(shapes, index)
     # What is not a hit is one at distance 1 with a short normal, which no power of it can blow up.
     hit_shape = eqx.tree_at(lambda s: s.curvature, hit_shape, jnp.where(valid, hit_shape.curvature, 0))
-    t = hit_distance(jnp.where(valid, t, 1), rays.o, rays.d, hit_shape)
+    # In a branch: in a loop outside of one JAX's reverse mode loses the rule's own derivative, and the second one is
+    # wrong.
+    operands = jnp.where(valid, t, 1), rays.o, rays.d, hit_shape
+    t = jax.lax.cond(jnp.any(live), hit_distance, lambda t, *_: t, *operands)
     p = rays.o + t * rays.d
     return materialize(Hits(valid, t, p, surface_normal(p, hit_shape), index, rays.path_length + t), live)

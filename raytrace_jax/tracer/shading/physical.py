@@ -63,7 +63,7 @@ def shade(
     # How the light is divided, and where it goes on.
     transmitted, _, total = refract(d, n, media.eta, nodes and nodes.spread)
     at = nodes_of(hits, d, nodes)
-    reflectance = mean(reflected_share(jnp.minimum(jnp.abs(dot(at.d, at.n)), 1), media.eta))
+    reflectance = mean(reflected_share(jnp.abs(dot(at.d, at.n)), media.eta))
     opaque = 1 - m.transmission
     mirror = jnp.where(hits.valid, m.transmission * reflectance + opaque * m.reflectivity, 0)
     through = jnp.where(hits.valid & ~total, m.transmission * (1 - reflectance), 0)
