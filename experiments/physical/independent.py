@@ -112,9 +112,9 @@ def fresnel(cos_i, eta):
     return np.where(square > 0, (s**2 + p**2) / 2, 1.0), cos_t
 
 
-def light(case, x, y):
-    """What comes to the points of the film, in pixels from its left and upper border."""
-    width, height = SIZE
+def light(case, x, y, size=SIZE):
+    """What comes to the points of a film of this size, in pixels from its left and upper border."""
+    width, height = size
     ahead = unit(-EYE)
     right = unit(np.cross(ahead, [0.0, 1.0, 0.0]))
     up = np.cross(right, ahead)

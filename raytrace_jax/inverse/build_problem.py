@@ -58,17 +58,18 @@ def build_problem(
     # What is free, and whether there is memory for it.
     check_values(scene)
     scene, free, ties = asked_for(scene, free, options)
-    unknowns = make_unknowns(scene, free, ties, model=settings.model)
-
     if options.edges == "aware":  # Its samples are those of the target, which `inverse.sampling` adds.
         settings = dataclasses.replace(settings, samples=1)
-    refuse_too_large(scene, settings, len(unknowns.names))
+    refuse_too_large(scene, settings, len(free))
+
+    # What was observed: how large its light is says how large the numbers are that light is free with.
+    observation = observe(target, weights, scene, settings)
+    unknowns = make_unknowns(scene, free, ties, model=settings.model, light=observation.light_unit)
 
     def own(name: str, role: str) -> str:
         return spelled(scene, unknowns.names, name, role)
 
-    # What was observed, and what is known besides, by the problem's own names.
-    observation = observe(target, weights, scene, settings)
+    # What is known besides, by the problem's own names.
     priors = {own(name, "prior"): prior for name, prior in options.priors.items()}
     profiled = tuple(unknowns.names.index(own(name, "profile")) for name in options.profiles)
     prior = make_prior(priors, unknowns, scene.camera.viewpoint.dtype)

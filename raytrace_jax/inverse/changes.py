@@ -170,10 +170,10 @@ class SampledPicture:
         Args:
             change: difference of the pictures before the film, "changes 3 pixels", one for each number.
         """
-        # A silhouette that moves across 4000 pixels changes one by 4000 for a change of a number by its own size: a
-        # pixel that changes by more has jumped.
+        # A silhouette that moves across 4000 pixels changes one by 4000 times its light for a change of a number by its
+        # own size: a pixel that changes by more has jumped.
         slope = change / step[:, None, None]
-        slope = np.where(np.abs(slope) * size[:, None, None] <= 1e4, slope, 0.0)
+        slope = np.where(np.abs(slope) * size[:, None, None] <= 1e4 * self.problem.light_unit, slope, 0.0)
         if self.radiance is None:
             return slope * self.root_weight
         # The film develops whole pictures of changes, each 15 MB at 640 x 480: a few at once.

@@ -75,6 +75,9 @@ def fit(
     """
     options = changed_options(options, changes)
     setup = build_problem(scene, target, free, resolve_settings(scene, settings), options, weights, storage)
+    setup = setup._replace(problem=setup.problem.in_own_unit())
+    if options.sigma is not None:
+        options = dataclasses.replace(options, sigma=options.sigma / setup.problem.unit)
     # The stages run beside this thread, so that Ctrl-C and the clock can end them at any time.
     recorder = Recorder(setup.problem, on_step, on_phase, options.max_seconds)
     stopped = None

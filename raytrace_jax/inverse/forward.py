@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 import warnings
 from typing import Protocol, runtime_checkable
 
@@ -61,9 +62,20 @@ class Observation(eqx.Module):
         return Observation(*map(jnp.asarray, (*pictures, np.sqrt(binned))))
 
     @property
+    def light_unit(self) -> float:
+        """The power of two next to the root mean square of the target's light."""
+        target, root = (np.asarray(part, np.float64) for part in (self.target, self.root_weight))
+        return nearest_power(np.sqrt(np.mean(target[:, root > 0] ** 2)))
+
+    @property
     def count(self) -> int:
         """The number of the target's colours that count: three for each pixel with a weight."""
         return 3 * int(np.sum(np.asarray(self.root_weight) > 0))
+
+
+def nearest_power(size: float) -> float:
+    """The power of two next to a size, on a logarithmic scale; 1 for 0."""
+    return 2.0 ** round(math.log2(size)) if size > 0 else 1.0
 
 
 def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings: ResolvedSettings) -> Observation:

@@ -1,4 +1,4 @@
-"""The picture of a target's own grid of samples, and steps on it, to where the fewest lie beyond an edge."""
+"""The picture of samples like the target's, and steps on it with the derivative of the edge-aware one."""
 
 import dataclasses
 import functools
@@ -8,26 +8,39 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from raytrace_jax.inverse.forward import PredictedPicture
+from raytrace_jax.inverse.noise import explains
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Moments, disagreement, pixel_moments, point_sampled
-from raytrace_jax.inverse.solvers import FARTHEST, REST, gauss_newton_step, move_in_errors
-from raytrace_jax.inverse.steps import Recorder, Step, iterate, project_gradient, shorten_step
+from raytrace_jax.inverse.sampling import (
+    COARSE_SAMPLES,
+    Moments,
+    disagreement,
+    lattice_offsets,
+    lattice_size,
+    pixel_moments,
+    point_sampled,
+    storage_bias,
+)
+from raytrace_jax.inverse.solvers import gauss_newton
+from raytrace_jax.inverse.steps import Recorder, shorten_step
 from raytrace_jax.inverse.unknowns import Covariance, Image, PixelJacobian, Values, Vector
 from raytrace_jax.tracer.pixels import sample_offsets
 from raytrace_jax.util.numerics import TINY, finite_or_last
 
 
 @dataclasses.dataclass(frozen=True)
-class GridPicture:
-    """Means of n x n samples a pixel, for unknowns so near a place that no edge leaves the listed pixels.
+class ResampledPicture:
+    """Means of samples in each pixel, for unknowns so near a place that no edge leaves the listed pixels.
 
     Args:
+        samples: samples a pixel and side of the target's regular grid; None for means over pixels, of a lattice.
+        offsets: where in a pixel they lie.
         jacobian: derivative of the edge-aware picture there, after the film, by the unknowns.
     """
 
     problem: Problem
-    samples: int
+    samples: int | None
+    offsets: Float[np.ndarray, "samples 2"]
     y: Values
     radiance: PredictedPicture
     jacobian: PixelJacobian
@@ -40,11 +53,20 @@ class GridPicture:
         # Listed pixels are sampled anew, all others follow the derivative.
         step = (np.asarray(y, np.float64) - self.y)[list(self.problem.unknowns.traced)]
         image = self.mean + np.tensordot(step, np.asarray(self.radiance.jacobian, np.float64), 1)
-        problem, offsets = self.problem, sample_offsets(self.samples)
-        sampled = pixel_moments(problem, problem.scene_at(y), self.column, self.row, offsets)
+        problem = self.problem
+        sampled = pixel_moments(problem, problem.scene_at(y), self.column, self.row, self.offsets)
         image[:, self.row, self.column] = sampled.mean
-        radiance = PredictedPicture(self.problem.array(image), self.radiance.jacobian)
-        return self.problem.development.picture(radiance, y, self.problem.frame())
+        radiance = PredictedPicture(problem.array(image), self.radiance.jacobian)
+        found = problem.development.picture(radiance, y, problem.frame())
+        if problem.storage is None:
+            return found
+        whole = np.asarray(found.image, np.float64)
+        stored = problem.array(whole + storage_bias(problem, problem.storage, whole))
+        return dataclasses.replace(found, image=stored)
+
+    def state(self, problem: Problem, y: Vector, stage: Stage) -> FitState:
+        """The state of a fit there, whose problem may weigh pixels otherwise."""
+        return FitState(problem, y, stage, problem.linearize_picture(self.at(y), y, stage))
 
     @functools.cached_property
     def mean(self) -> Image:
@@ -66,11 +88,11 @@ class GridPicture:
     def any_jump(self) -> Float[np.ndarray, " listed"]:
         """The change of a listed pixel when one of its samples changes sides, however weak its edge is.
 
-        It is `c / n^2`, where `c` is the contrast of the edge, which the variance tells: within a pixel with a fraction
-        `f` on one side it is `c^2 f (1 - f)`.
+        It is `c / N` of `N` samples, where `c` is the contrast of the edge, which the variance tells: within a pixel
+        with a fraction `f` on one side it is `c^2 f (1 - f)`.
         """
         # The mean of `f (1 - f)` is 1/6 where any fraction `f` of the pixel is as likely.
-        return np.sqrt(self.variance.sum(axis=0) / (1 / 6)) / self.samples**2
+        return np.sqrt(self.variance.sum(axis=0) / (1 / 6)) / len(self.offsets)
 
     @functools.cached_property
     def is_along(self) -> Bool[np.ndarray, " listed"]:
@@ -94,19 +116,21 @@ class GridPicture:
 
     @functools.cached_property
     def leading(self) -> Problem:
-        """The problem that leads steps, in which edges along the grid hardly count.
+        """The problem that leads steps, in which edges along a grid hardly count.
 
         Such an edge tells a place only in large jumps. The edge-aware derivative takes it to move with every step, so
         that it would hold the step where it is.
         """
+        if self.samples is None:
+            return self.problem
         weight = np.ones(self.mean.shape[1:])
         # All of them, some thousands, count less than one other pixel, and still determine what nothing else does.
         weight[self.row[self.is_along], self.column[self.is_along]] = 1e-6
         return self.problem.weighted(weight)
 
     def resolution(self) -> Covariance:
-        """Covariance of unknowns whose pictures are the same: that of `apart`."""
-        return self.apart @ self.apart.T
+        """Covariance of unknowns whose pictures are the same: that of `apart`; 0 where the target has other samples."""
+        return self.apart @ self.apart.T if self.samples is not None else np.zeros((len(self.y),) * 2)
 
     @functools.cached_property
     def apart(self) -> Float[np.ndarray, "parameters directions"]:
@@ -135,8 +159,10 @@ class GridPicture:
         return axes / length[:, None] * (count / np.maximum(crossed, TINY))
 
 
-def grid_picture(problem: Problem, y: Vector, stage: Stage, samples: int, coarse: Moments | None = None) -> GridPicture:
-    """The picture of n x n samples a pixel, near `y`.
+def resampled(
+    problem: Problem, y: Vector, stage: Stage, samples: int | None, size: int, coarse: Moments | None = None
+) -> ResampledPicture:
+    """The picture of n x n samples a pixel, or of a lattice of `size` points, near `y`.
 
     Args:
         coarse: `COARSE_SAMPLES` samples a pixel and side at `y`, if they are known.
@@ -148,120 +174,106 @@ def grid_picture(problem: Problem, y: Vector, stage: Stage, samples: int, coarse
     center = point_sampled(problem, y, 1).mean
     # The mean of n x n samples of a parabola lies above its centre by 1 - 1/n^2 of what the mean over the pixel does.
     bend = (coarse.mean - center) / (1 - 1 / COARSE_SAMPLES**2)
-    mean = center + (1 - 1 / samples**2) * bend
+    mean = center + (1 - 1 / samples**2 if samples is not None else 1) * bend
     # List the pixels in which that may fail, and sample these as the target is.
     # Elsewhere the parabola lacks what is of fourth order, far below the square of a ten-thousandth.
-    is_varied = np.abs(coarse.mean - center).max(axis=0) > 1e-4
+    is_varied = np.abs(coarse.mean - center).max(axis=0) > 1e-4 * problem.light_unit
     is_varied |= disagreement(problem, y, np.asarray(aware.image), coarse)
     # An edge that cuts no more than a corner of a pixel is not seen by few samples, but by footprints.
     assert aware.sees_edge is not None
     row, column = np.nonzero(is_varied | aware.sees_edge)
-    moments = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
+    offsets = lattice_offsets(size) if samples is None else sample_offsets(samples)
+    moments = pixel_moments(problem, problem.scene_at(y), column, row, offsets)
     mean[:, row, column] = moments.mean
     place, jacobian = np.asarray(y, np.float64), np.asarray(aware.jacobian, np.float64)
     radiance = PredictedPicture(problem.array(mean), radiance.jacobian)
-    return GridPicture(problem, samples, place, radiance, jacobian, row, column, moments.variance)
+    return ResampledPicture(problem, samples, offsets, place, radiance, jacobian, row, column, moments.variance)
 
 
-def settle_on_grid(
-    problem: Problem,
-    solution: FitState,
-    samples: int,
-    recorder: Recorder,
-    coarse: Moments | None = None,
+def settle(
+    problem: Problem, solution: FitState, samples: int | None, recorder: Recorder, coarse: Moments | None = None
 ) -> FitState:
-    """Take steps on the picture of the target's n x n samples; the edge-aware derivative leads.
+    """Take steps on the picture of samples like the target's; the edge-aware derivative leads.
 
     That picture has no derivative of use: it changes only where an edge crosses a sample, and then in a jump. But on
     average it changes as the area on one side of the edge does, whose derivative is the edge-aware one. So each step
-    leads to where few samples are on the wrong side, and the next one ends nearer. A step samples the pixels at edges
-    anew, which is cheap beside a derivative.
+    leads to where few samples are on the wrong side, and the next one ends nearer: a step with the derivative `A'` of a
+    picture that changes by `S'` leaves `1 - A'^+ S'` of the error. A step samples the pixels at edges anew, which is
+    cheap beside a derivative.
 
     Args:
+        samples: samples a pixel and side of the target's regular grid. Without one its pixels are taken for means of
+            samples of its own, and ours are as many as it takes for their error to be a small part of the residual.
         coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
     """
-    stage, start = solution.stage, solution.y
+    stage, start, size = solution.stage, solution.y, lattice_size()
+    whose = "a supersampled picture" if samples is None else "a picture of the target's own samples"
     # Follow the derivative; three lists of pixels at most, each made where the steps with the one before ended.
     lists = 0
     while True:
-        recorder.phase("comparing with a picture of the target's own samples")
-        grid = grid_picture(problem, start, stage, samples, coarse)
-        lowest = descend(grid, grid.leading, stage, recorder)
+        recorder.phase(f"comparing with {whose}")
+        picture = resampled(problem, start, stage, samples, size, coarse)
+        lowest = descend(picture, picture.leading if lists == 0 else picture.problem, stage, recorder)
         # Beyond a tenth of a pixel of a large ball another derivative holds, and edges may have left the listed pixels.
         moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
         lists += 1
-        if moved < 1e-3 or lists == 3:
+        wanted = size if samples is not None else needed_size(picture, lowest)
+        # What is not explained will not be explained by more samples.
+        if lists == 3 or (lists > 1 and moved < 1e-3 and wanted <= size) or not explains(lowest):
             break
-        start, coarse = lowest.y, None
-    if not lowest.settled:
+        start, coarse, size = lowest.y, None, max(wanted, size)
+    if samples is not None and not is_told(picture, lowest):
         # Place what the derivative cannot lead, and hold it there while that leads the others.
-        start = look_around(grid, lowest, stage)
-        grid = grid_picture(problem, start, stage, samples)
-        lowest = descend(grid, grid.problem, stage, recorder)
+        start = look_around(picture, lowest, stage)
+        picture = resampled(problem, start, stage, samples, size)
+        lowest = descend(picture, picture.problem, stage, recorder)
     # The solution there has the edge-aware picture and its bias.
     aware = problem.picture(lowest.y, stage.edges)
     corrected = problem.with_bias(np.asarray(lowest.linearization.image) - np.asarray(aware.image))
     linearization = corrected.linearize(lowest.y, stage)
     return dataclasses.replace(
-        solution,
+        lowest,
         problem=corrected,
-        y=lowest.y,
         linearization=linearization,
         settled=lowest.settled and linearization.is_finite,
-        next_move=lowest.next_move,
-        target_samples=grid.samples,
-        resolution=grid.resolution(),
+        target_samples=samples,
+        resolution=lowest.resolution + picture.resolution() if lowest.resolution is not None else None,
     )
 
 
-def descend(grid: GridPicture, problem: Problem, stage: Stage, recorder: Recorder) -> FitState:
-    """The lowest place of Gauss-Newton steps with the derivative of the list's place.
-
-    It is at rest where the next step is about as long as the picture tells places apart.
+def descend(picture: ResampledPicture, problem: Problem, stage: Stage, recorder: Recorder) -> FitState:
+    """The best place of Gauss-Newton steps with the derivative of the list's place.
 
     Args:
-        problem: its weights lead: those of `grid.leading`, or all to hold what edges along the grid tell.
+        problem: its weights lead: those of `picture.leading`, or all to hold what edges along the grid tell.
     """
-    spread = np.sqrt(np.maximum(np.diagonal(grid.resolution()), 0))
-
-    def at(y: Vector) -> FitState:
-        return FitState(problem, y, stage, problem.linearize_picture(grid.at(y), y, stage))
-
-    def look(last: Step[int], y: Vector) -> FitState:
-        return last.best if y is last.best.y else at(y)
-
-    def propose(last: Step[int], seen: FitState) -> Step[int]:
-        # See whether the step before was worth it.
-        lowest, y, linearization = last.best, seen.y, seen.linearization
-        is_first = seen is lowest
-        is_lowest = is_first or (linearization.is_finite and linearization.cost < lowest.linearization.cost)
-        # Of a board with a free field of view ten steps in a row took off 0.1 to 0.3 each; with 0.3 the fit ended at
-        # the third, its index off by 2e-4 in place of 1e-5.
-        is_worth = is_first or linearization.cost < (1 - 0.1) * lowest.linearization.cost
-        in_vain = 0 if is_worth else last.memory + 1
-        # Choose the next step; its length decides whether this place is one of rest.
-        free = project_gradient(linearization, y, problem.unknowns)
-        step, move = gauss_newton_step(free), move_in_errors(free)
-        to = problem.array(shorten_step(problem, y, y + step))
-        reach = problem.scaled_distance(problem.values(to), problem.values(y))
-        # The longest part of the step, in standard deviations of the resolution.
-        beside = float(np.max(np.divide(np.abs(step), spread, out=np.full_like(step, np.inf), where=spread > 0)))
-        if is_lowest:
-            # A few samples on the wrong side of edges make steps to and fro, of 2.5 resolutions on a large board.
-            is_at_rest = reach < FARTHEST and (move < REST or beside < 5.0)
-            lowest = dataclasses.replace(seen, settled=is_at_rest, next_move=move)
-        # End where the next step would tell nothing more, or leaves the neighbourhood in which the derivative holds.
-        is_short = move < 0.1 or (in_vain > 0 and beside < 0.3)
-        ends = in_vain == 2 or is_short or not 0 < reach < FARTHEST
-        return Step(lowest, is_lowest, None if ends else to, in_vain)
-
-    start = at(problem.array(grid.y))
-    begin = Step(start, True, start.y, 0)
-    # Two or three steps take off most, but a free field of view before a level board wants fifteen.
-    return iterate(begin, look, propose, 24, recorder.step)
+    start = picture.state(problem, problem.array(picture.y), stage)
+    return gauss_newton(start, lambda y: picture.state(problem, y, stage), recorder.step)
 
 
-def look_around(grid: GridPicture, lowest: FitState, stage: Stage) -> Vector:
+def needed_size(picture: ResampledPicture, state: FitState) -> int:
+    """The points of a lattice whose own error leaves a twentieth of the residual at edges, or as many as time allows.
+
+    A lattice of N points errs in the area of a straight edge by `.25 c N^-3/4`, rms over all edges of contrast c, whose
+    mean variance within a pixel is `c^2 / 6`.
+    """
+    root = np.asarray(state.problem.observation.root_weight, np.float64)[picture.row, picture.column]
+    within = float(np.sum(picture.variance * root**2)) * 6 * 0.25**2
+    seen = float(np.sum(np.asarray(state.residual)[:, picture.row, picture.column] ** 2))
+    return lattice_size((20 * within / max(seen, TINY)) ** (2 / 3), most=2e7 / max(len(picture.row), 1))
+
+
+def is_told(picture: ResampledPicture, state: FitState) -> bool:
+    """Whether the next step is so short that a few samples on the wrong side of edges may make it."""
+    if state.next_move < 2:
+        return True
+    spread = np.sqrt(np.maximum(np.diagonal(picture.resolution()), 0))
+    step = np.sqrt(np.diagonal(state.resolution)) if state.resolution is not None else np.full_like(spread, np.inf)
+    # A few samples make steps to and fro of 2.5 resolutions on a large board.
+    return bool(np.all(step < 5.0 * spread))
+
+
+def look_around(grid: ResampledPicture, lowest: FitState, stage: Stage) -> Vector:
     """The best of places around one where steps with the derivative end above what is there.
 
     Lines of a board that are parallel to the rows change sides all at once: the derivative of areas leads nowhere. So
@@ -272,7 +284,7 @@ def look_around(grid: GridPicture, lowest: FitState, stage: Stage) -> Vector:
 
     def at(y: Values) -> FitState:
         place = problem.array(shorten_step(problem, lowest.y, y))
-        return FitState(problem, place, stage, problem.linearize_picture(grid.at(place), place, stage))
+        return grid.state(problem, place, stage)
 
     best = at(np.asarray(lowest.y))
     for _ in range(2):

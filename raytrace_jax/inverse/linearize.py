@@ -83,8 +83,8 @@ class Linearization(eqx.Module):
         typical: median magnitude of the weighted residuals in the pixels that matter.
         information: `J^T J` of the weighted picture alone, before any loss.
         curvature: `J^T C J`, where C has the loss's second derivative at each residual, with that of the priors.
-        pixel_scatter: sum over residuals of the outer product of score times derivative with itself: the covariance of
-            the loss's gradient if each residual errs on its own.
+        pixel_scatter: sum over pixels of the outer product of their part of the loss's gradient with itself: the
+            gradient's covariance if each pixel errs on its own, and its channels as they like (Liang and Zeger 1986).
     """
 
     jacobian: Float[Array, "rows parameters"]
@@ -148,8 +148,8 @@ def linearize(
     rule = LOSSES[loss]
     flat = jacobian.reshape(count, -1)
     weight = rule.weight(raw, loss_scale)
-    scores = jacobian * rule.score(raw, loss_scale)
-    pixel_scatter = outer(scores.reshape(count, -1))
+    pulls = jnp.sum(jacobian * rule.score(raw, loss_scale), axis=1)
+    pixel_scatter = outer(pulls.reshape(count, -1))
     # Priors are rows as residuals are, in units of the noise.
     prior_residual, prior_slope = noise * prior.precision * (values - prior.mean), noise * prior.precision * slopes
     curvature = (flat * rule.curvature(raw, loss_scale).reshape(-1)) @ flat.T + jnp.diag(prior_slope**2)

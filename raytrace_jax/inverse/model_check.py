@@ -67,8 +67,10 @@ def check_model(
     weight = state.under_loss("weight")
     # Without a grid that was told an edge-aware stage takes the pixels for means of whatever samples.
     is_mean = (state.target_samples or 1) > 1 or (stage.edges == "aware" and state.target_samples is None)
-    rounding = rounding_of(np.asarray(problem.observation.target, np.float64))
-    of_samples = 1 / 65535 if is_mean else 0.0  # A renderer is taken to have stored the samples in 16 bits.
+    target = np.asarray(problem.observation.target, np.float64)
+    rounding = rounding_of(target)
+    # A renderer is taken to have stored the samples in 16 bits, white being a power of two.
+    of_samples = 2.0 ** np.ceil(np.log2(np.max(target))) / 65535 if is_mean and np.max(target) > 0 else 0.0
     evidence = beyond_storage(problem, residual, weight, STORAGE_SLACK * np.maximum(rounding, of_samples))
     rows = rows_of(pixels.judged, residual, evidence, weight)
     step = pixels.judged.of(weighted(problem, np.maximum(2 * rounding, of_samples))).reshape(-1)
@@ -135,7 +137,7 @@ def beyond_storage(problem: Problem, residual: Image, weight: Image, step: Image
     judged = is_flat if np.mean(is_flat) > 0.05 else np.broadcast_to(counts, is_flat.shape)
     # Of noise as large as the step three quarters are within it, of half of that all.
     beyond = np.where(within, 0.0, residual) if np.mean(within[judged]) > 0.9 else residual
-    rounding = RANK_ROUNDINGS * float(np.finfo(target.dtype).eps) * float(np.max(np.abs(target)))
+    rounding = RANK_ROUNDINGS * float(np.finfo(target.dtype).eps) * float(np.max(weighted(problem, np.abs(target))))
     return beyond if np.sqrt(np.mean((weight * beyond) ** 2)) >= rounding else np.zeros_like(beyond)
 
 

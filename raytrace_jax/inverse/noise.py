@@ -68,8 +68,7 @@ def explains(state: FitState) -> bool:
     """Whether the picture there explains the target; a picture that is not finite does not."""
     if not state.linearization.is_finite:
         return False
-    target = np.asarray(state.problem.binned(state.stage.binning).target)
-    return is_explained(state.residual, target, state.counts, np.asarray(state.linearization.matters))
+    return is_explained(state.residual, state.weighted_target, state.counts, np.asarray(state.linearization.matters))
 
 
 def square_means(image, where: Mask) -> Float[np.ndarray, "3 squares"]:
@@ -94,41 +93,6 @@ def vuong_evidence(better: Image, other: Image) -> float:
     # Squares of 8 pixels: a JPEG's blocks.
     chance = float(np.linalg.norm(square_sums(2 * better * (other - better), 8).sum(0)))
     return gain / chance if chance > 0 else float(np.inf if gain > 0 else 0)
-
-
-def sampling_weights(residual: Image, variance: Image, counts: Mask) -> Float[np.ndarray, "height width"] | None:
-    """Weights of pixels beside one whose inside is of one colour; None where the residual shows no such noise.
-
-    A mean of `N` random samples has the variance `v / N`, where `v` is the variance within the pixel. So the residual's
-    squares are fitted by `sigma^2 + s v`, and the weights are `sigma^2 / (sigma^2 + s v)`. A square of Gaussian noise
-    has a variance in proportion to its squared mean: the fit weighs each by one over the squared mean of the round
-    before.
-    """
-    squares, inside = (np.mean(part[:, counts], axis=0) for part in (residual**2, variance))
-    whole = float(np.mean(squares)) if squares.size else 0.0
-    if not whole > 0 or not np.max(inside) > 0:
-        return None
-    # No picture of another program is right to its rounding, and pixels without noise would rule all others.
-    least = 1e-2**2 * whole
-
-    # Fit noise and slope in turns with their weights; pixels that are off for other reasons are cut off.
-    scale = float(np.max(inside))
-    design = np.stack([np.ones_like(inside), inside / scale])
-    noise, slope, normal = whole, 0.0, np.eye(2)
-    for _ in range(20):  # The fit rests after five to ten.
-        expected = np.maximum(noise + slope * design[1], least)
-        cut = np.minimum(squares, 25.0 * expected)  # Beyond five standard deviations it is something else than noise.
-        weighted = design / expected**2
-        normal = weighted @ design.T
-        noise, slope = np.linalg.solve(normal, weighted @ cut)
-        noise, slope = max(float(noise), least), max(float(slope), 0.0)
-
-    # The mean square of three channels scatters by about as much as its mean, so the normal matrix needs no factor.
-    error = float(np.sqrt(max(np.linalg.inv(normal)[1, 1], TINY)))
-    # More than the variance of two samples a pixel comes from an edge that is not where it should be.
-    if slope < 5.0 * error or slope / scale > 0.5:
-        return None
-    return np.asarray(noise / (noise + slope / scale * variance.mean(axis=0)))
 
 
 class PairScores(NamedTuple):
@@ -175,7 +139,7 @@ def _score(sums: Float[np.ndarray, " squares"]) -> float:
 
 
 def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Mask) -> Covariance:
-    """The part of correlated neighbours and channels in the covariance of `sum(jacobian * score)`.
+    """The part of correlated neighbours in the covariance of `sum(jacobian * score)`.
 
     The scores' covariance by distance and channels is pooled over the picture. That is a few numbers, known well; sums
     over squares of pixels are few, and lose what crosses their borders.
@@ -185,7 +149,7 @@ def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Mask) -> 
     variance = np.sum(score**2, axis=(1, 2)) / max(int(matters.sum()), 1)
     added = np.zeros((count, count))
     for down in range(farthest + 1):
-        for right in range(-farthest if down else 0, farthest + 1):
+        for right in range(-farthest if down else 1, farthest + 1):
             here, there = _pair_windows(down, right)
             pairs = int(np.sum(matters[here] & matters[there]))
             if not pairs:
@@ -194,14 +158,12 @@ def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Mask) -> 
             covariance = np.einsum("ahw,bhw->ab", score[:, *here], score[:, *there]) / pairs
             chance = np.sqrt(np.outer(variance, variance) / pairs)
             covariance = np.where(np.abs(covariance) > 5.0 * chance, covariance, 0.0)
-            if (down, right) == (0, 0):
-                np.fill_diagonal(covariance, 0.0)
             if not covariance.any():
                 continue
             # A pair is seen from one side; from the other its part is transposed.
             mixed = np.einsum("ab,pbhw->pahw", covariance, jacobian[:, :, *there])
             part = jacobian[:, :, *here].reshape(count, -1) @ mixed.reshape(count, -1).T
-            added += part if (down, right) == (0, 0) else part + part.T
+            added += part + part.T
     return added
 
 
@@ -271,27 +233,34 @@ def block_scatter(jacobian: PixelJacobian, weight: Image, residual: Image) -> Co
 
 
 def hidden_scatter(
-    jacobian: Float[np.ndarray, "parameters rows"],
-    weight: Float[np.ndarray, " rows"],
-    score: Float[np.ndarray, " rows"],
+    jacobian: Float[np.ndarray, "parameters channels pixels"],
+    weight: Float[np.ndarray, "channels pixels"],
+    score: Float[np.ndarray, "channels pixels"],
 ) -> Covariance:
-    """The part that the fit hides of the sum over residuals of their pulls' outer products.
+    """The part that the fit hides of the sum over pixels of their pulls' outer products.
 
-    An estimate follows a residual by its leverage h and leaves 1 - h of its error to be seen. So the pull that it would
-    have on an estimate made without it is 1 / (1 - h) times what is seen (the jackknife: MacKinnon and White 1985). In
-    a picture of many pixels nothing is hidden, but at the rim of glass one pixel may decide.
+    An estimate follows a pixel by its leverage `H = J A^-1 J^T W` and leaves `1 - H` of its error to be seen, `H` a
+    matrix of its channels. So the pull that it would have on an estimate made without it is `J^T (1 - H)^-1` times
+    what is seen (the jackknife: MacKinnon and White 1985; of clusters: Bell and McCaffrey 2002). In a picture of many
+    pixels nothing is hidden, but at the rim of glass one pixel may decide.
     """
-    leverage = leverages(jacobian, weight)
-    decides = leverage > 0.01  # Others lose less than a hundredth of their residual.
-    # A residual that alone decides a number is 0 but for rounding, and tells nothing of its error.
-    left = 1 - np.minimum(leverage[decides], 1 - 1e-6)
-    hidden = score[decides] ** 2 * (1 / left**2 - 1)
-    return (jacobian[:, decides] * hidden) @ jacobian[:, decides].T
+    root = np.sqrt(weight)
+    leverage = leverages(jacobian * root)
+    decides = np.einsum("ccp->p", leverage) > 0.01  # Others lose less than a hundredth of their residual.
+    pulling, root, seen = jacobian[:, :, decides], root[:, decides], score[:, decides]
+    # A pixel that alone decides a number shows nothing of its error but rounding: what it leaves is at least 1e-6.
+    followed, axes = np.linalg.eigh(np.moveaxis(leverage[:, :, decides], -1, 0))
+    left = np.maximum(1 - followed, 1e-6)
+    whole = root * np.einsum("pce,pe,pde,dp->cp", axes, 1 / left, axes, seen / root)
+    with_, without = (np.sum(pulling * part, axis=1) for part in (whole, seen))
+    return with_ @ with_.T - without @ without.T
 
 
-def leverages(
-    jacobian: Float[np.ndarray, "parameters rows"], weight: Float[np.ndarray, " rows"]
-) -> Float[np.ndarray, " rows"]:
-    """The leverage of each residual: 0 where the fit does not follow it, 1 where it goes wherever that does."""
-    pulled = jacobian * weight
-    return np.sum(pulled * solve_normal(pulled @ jacobian.T, jacobian), axis=0)
+def leverages(rows: Float[np.ndarray, "parameters channels pixels"]) -> Float[np.ndarray, "channels channels pixels"]:
+    """How a least-squares fit follows the residuals of each pixel: 0 where it does not, 1 where it goes with them.
+
+    Args:
+        rows: the derivatives of the residuals, times the roots of their weights.
+    """
+    flat = rows.reshape(len(rows), -1)
+    return np.einsum("acp,adp->cdp", rows, solve_normal(flat @ flat.T, flat).reshape(rows.shape))

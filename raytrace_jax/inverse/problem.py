@@ -12,7 +12,14 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int, Num
 
 from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.inverse.forward import Development, ForwardModel, Observation, PredictedPicture, forward_model
+from raytrace_jax.inverse.forward import (
+    Development,
+    ForwardModel,
+    Observation,
+    PredictedPicture,
+    forward_model,
+    nearest_power,
+)
 from raytrace_jax.inverse.linearize import Linearization, evaluate, linearize
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.unknowns import (
@@ -38,7 +45,11 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """A scene, a target, and what is free between them."""
+    """A scene, a target, and what is free between them.
+
+    Args:
+        unit: the light that a weighted residual of 1 is at a weight of 1.
+    """
 
     scene: Scene
     observation: Observation
@@ -46,6 +57,7 @@ class Problem:
     prior: Prior
     base: ResolvedSettings
     storage: JpegStorage | None = None
+    unit: float = 1.0
     # What was traced last; a copy with another observation has the same pictures.
     _pictures: OrderedDict[Hashable, PredictedPicture] = dataclasses.field(repr=False, default_factory=OrderedDict)
     # Not an argument, so that a copy with another observation does not keep the old one's.
@@ -75,6 +87,21 @@ class Problem:
         """Multiply each pixel's weight by a factor."""
         root = self.array(np.asarray(self.observation.root_weight) * np.sqrt(weight))
         return dataclasses.replace(self, observation=dataclasses.replace(self.observation, root_weight=root))
+
+    @property
+    def light_unit(self) -> float:
+        """How large the target's light is."""
+        return self.observation.light_unit
+
+    def in_own_unit(self) -> "Problem":
+        """The same problem, whose residuals have no unit: about 1 where the picture is black and the target is not.
+
+        So no tolerance knows the unit of light or of weights. Powers of two change no digit.
+        """
+        root = np.asarray(self.observation.root_weight, np.float64)
+        unit = self.light_unit * nearest_power(np.sqrt(np.mean(root[root > 0] ** 2)))
+        observation = dataclasses.replace(self.observation, root_weight=self.array(root / unit))
+        return dataclasses.replace(self, observation=observation, unit=self.unit * unit)
 
     def frame(self, binning: int = 1) -> Frame:
         """The target's part of the whole picture, in its own or in larger pixels.
@@ -124,7 +151,9 @@ class Problem:
     @functools.cached_property
     def scale(self) -> Values:
         """The natural scales of the parameters: how large a large change of each is."""
-        return np.array([natural_scale(self.scene, name, self.base.model) for name in self.unknowns.names])
+        return np.array(
+            [natural_scale(self.scene, name, self.base.model, self.light_unit) for name in self.unknowns.names]
+        )
 
     def scaled_distance(self, one: Values, other: Values) -> float:
         """The largest difference of any value, in natural scales."""
@@ -268,6 +297,12 @@ class FitState:
     def residual(self) -> Image:
         """The unblurred, weighted residual."""
         return self.problem.residual(np.asarray(self.linearization.image), self.stage.binning)
+
+    @property
+    def weighted_target(self) -> Image:
+        """The target in the unit of its residual."""
+        observation = self.problem.binned(self.stage.binning)
+        return np.asarray(observation.target) * np.asarray(observation.root_weight)
 
     @property
     def rms_residual(self) -> float:

@@ -6,12 +6,12 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax.inverse.grid import settle_on_grid
+from raytrace_jax.inverse.grid import settle
 from raytrace_jax.inverse.linearize import LOSSES
-from raytrace_jax.inverse.noise import EVIDENCE, explains, sampling_weights
+from raytrace_jax.inverse.noise import EVIDENCE, explains
 from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, correct, detect_grid, point_sampled
+from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, detect_grid, point_sampled
 from raytrace_jax.inverse.solvers import gauss_newton, levenberg_marquardt
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA, noise_level
@@ -74,12 +74,8 @@ def refine(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder)
     jump changes that loss by as much as six standard errors do. A solver that asks the loss to fall is held up by every
     pixel on its way, so that the fit ends with steps that do not ask (iteratively reweighted least squares).
 
-    An edge-aware picture `A` is nearly that of a box-filtered target `t`. A supersampled picture `S`, which has no
-    derivative of its own, tells where it errs: `S - A` at the estimate is added to `A` as its bias. There the corrected
-    picture is `S`, so that a Gauss-Newton step with the derivative `A'` is `d = -A'^+ (S - t)`. Where the steps come to
-    rest, `A'^T (S - t)` is 0: that answer is the supersampled picture's. Such a step leaves `1 - A'^+ S'` of the error,
-    which is the relative error of the derivative: where that is small the steps converge. If the target's pixels are
-    means of a regular grid of samples, `S` has the same samples.
+    An edge-aware picture is nearly that of a box-filtered target. A picture of samples, which has no derivative of its
+    own, tells where it errs: it is what steps with the edge-aware derivative bring to the target (`grid.settle`).
     """
     stage = options.last_stage
     if stage.edges == "aware":
@@ -88,7 +84,7 @@ def refine(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder)
     # To about an error bar, since the steps that follow do not ask whether the cost falls.
     near = dataclasses.replace(first_stage(stage), relative=1e-6, decrease=1e-6, rejected=1)
     solution = solve_in_stages(problem, y, near, options.sigma, recorder)
-    solution = gauss_newton(solution, lambda *_: problem, recorder.step)
+    solution = gauss_newton(solution, lambda y: FitState.at(problem, y, solution.stage), recorder.step)
     return solution if stage.loss != "l2" else solve_in_stages(problem, solution.y, stage, options.sigma, recorder)
 
 
@@ -114,25 +110,7 @@ def refine_aware(problem: Problem, y: Vector, options: FitOptions, recorder: Rec
         recorder.phase("telling the target's samples")
         coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
         samples = detect_grid(problem, solution.y, coarse, solution.linearization.pixel_jacobian)
-    if samples is not None:
-        return settle_on_grid(problem, solution, samples, recorder, coarse)
-
-    def look_up(solution: FitState, round_: int) -> Problem:
-        # The first look goes a good part of the way at a small part of the price. A target that the rough picture does
-        # not explain will not be explained by a fine one.
-        if round_ > 0 and not explains(solution):
-            return solution.problem
-        recorder.phase("comparing with a supersampled picture")
-        corrected, moments = correct(problem, solution.y, solution.stage, roughly=round_ == 0)
-        if round_ == 0:
-            return corrected
-        # Pixels are weighted by the noise of random samples where the target shows any.
-        residual = FitState.at(corrected, solution.y, solution.stage).residual
-        root = np.asarray(corrected.observation.root_weight)
-        weight = sampling_weights(residual, moments.variance * root**2, root > 0)
-        return corrected if weight is None else corrected.weighted(weight)
-
-    return gauss_newton(solution, look_up, recorder.step, corrected=True)
+    return settle(problem, solution, samples, recorder, coarse)
 
 
 def solve_in_stages(problem: Problem, y: Vector, stage: Stage, sigma: float | None, recorder: Recorder) -> FitState:

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA
 from raytrace_jax.inverse.unknowns import AnyArray, Image, Mask, Vector
@@ -67,43 +66,34 @@ COARSE_SAMPLES = 2
 """Samples a pixel and side with which the edge-aware picture is compared everywhere: the fewest that see an edge."""
 
 DISAGREEMENT = 1e-4
-"""A pixel is sampled finely where edge-aware picture and coarse samples differ by more in any channel, a fortieth of a
-step of 8 bits. Half and double leave the same error, tenfold half as much again or more (experiments/tuning)."""
+"""A pixel is sampled finely where edge-aware picture and coarse samples differ by more in any channel, as a part of the
+target's light: a fortieth of a step of 8 bits. Half and double leave the same error, tenfold half as much again or more
+(experiments/tuning)."""
 
-FINE_SAMPLES = (32, 24, 16, 12, 8)
-"""Samples a pixel and side of a correction, the first that the time allows: of a small picture 8 leave a half to two
-error bars of noise of 1/255, 16 a tenth to a third, 32 a tenth (experiments/tuning)."""
+LATTICES = ((89, 55), (233, 144), (610, 377), (1597, 987))
+"""Neighbouring Fibonacci numbers, whose lattices cover a square evenly."""
+
+
+def lattice_size(least: float = 0, most: float = np.inf) -> int:
+    """The points of the smallest lattice that has at least so many; at most `most`, if the first has."""
+    sizes = [size for size, _ in LATTICES if size <= most] or [LATTICES[0][0]]
+    return next((size for size in sizes if size >= least), sizes[-1])
+
+
+def lattice_offsets(size: int) -> Float[np.ndarray, "samples 2"]:
+    """Places of so many samples in a pixel, from its middle: a Fibonacci lattice (Niederreiter and Sloan 1994).
+
+    A regular grid of as many errs as much in the area of an edge of any direction, but five times as much where the
+    edge is nearly along its rows, and then alike in all pixels of a line of a level board.
+    """
+    index = np.arange(size)
+    step = dict(LATTICES)[size]
+    return np.stack([(index + 0.5) / size, np.mod(index * step + 0.5, size) / size], axis=1) - 0.5
 
 
 def disagreement(problem: Problem, y: Vector, aware: Image, coarse: Moments) -> Mask:
     """The pixels where edge-aware picture and coarse samples differ, so that one of them is wrong."""
-    return np.abs(developed(problem, y, coarse.mean) - aware).max(axis=0) > DISAGREEMENT
-
-
-def correct(problem: Problem, y: Vector, stage: Stage, roughly: bool = False) -> tuple[Problem, Moments]:
-    """The problem with the bias of its edge-aware picture at `y`, and the moments of the samples in each pixel.
-
-    An edge-aware picture errs where its model of an edge is too simple. A picture of a few samples errs where anything
-    happens between them. Where the two agree, both are taken to be right. The other pixels, about one in four of a
-    small picture and one in twelve of a large one, are sampled finely: what is left of the error is a fifth of the
-    error bars of a target with noise of 1/255. The bias of a lossy file is added. `refine.refine` says why steps on a
-    picture that is corrected again and again converge.
-    """
-    aware = np.asarray(problem.linearize(y, stage).image)
-    moments = point_sampled(problem, y, COARSE_SAMPLES)
-    row, column = np.nonzero(disagreement(problem, y, aware, moments))
-
-    # As finely as the time allows, or only roughly: the rays of 640 x 480 pixels at 8 x 8 take two cores some seconds.
-    fits = (n for n in FINE_SAMPLES if len(row) * n**2 <= 2e7)
-    samples = FINE_SAMPLES[-1] if roughly else next(fits, FINE_SAMPLES[-1])
-    fine = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
-    for part, some in zip(moments, fine, strict=True):
-        part[:, row, column] = some
-    whole = developed(problem, y, moments.mean)
-    bias = whole - aware
-    if problem.storage is not None:
-        bias += storage_bias(problem, problem.storage, whole)
-    return problem.with_bias(bias), moments
+    return np.abs(developed(problem, y, coarse.mean) - aware).max(axis=0) > DISAGREEMENT * problem.light_unit
 
 
 def storage_bias(problem: Problem, storage: JpegStorage, picture: Image) -> Image:
@@ -127,10 +117,8 @@ def storage_bias(problem: Problem, storage: JpegStorage, picture: Image) -> Imag
     return total / draws - picture
 
 
-GRIDS = ((*range(1, 11), 12, 16, 24), (11, 13, 14, 15, 20, 32, 40))
-"""Samples a pixel and side that are tried: those that renderers are asked for, and, where none of them stands out, the
-others up to 16, and 32, of an 8 x 8 target that was binned by 4. The finest so far stands for the mean over the pixel:
-a target that is nearer to it has more samples, or others, than a grid's."""
+GRIDS = (*range(1, 17), 20, 24, 32, 40)
+"""Samples a pixel and side that are tried: those that renderers are asked for, and those of a target that was binned."""
 
 
 def detect_grid(
@@ -138,58 +126,56 @@ def detect_grid(
 ) -> int | None:
     """The samples a pixel and side of the regular grid whose means the target's pixels are; None if no grid stands out.
 
-    Pictures of several grids are compared with the target in some pixels whose inside varies. If the target `t` is the
-    picture `a` and noise, then another picture `b` is farther away: `|b - t|^2 - |a - t|^2` is `|a - b|^2` on average.
-    So the difference of the two sums of squares is measured in units of the squares between the two pictures. What a
-    step of the unknowns explains of a residual is taken off first: these unknowns are those of an edge-aware picture,
-    and what they are off by would hide which grid is right. Of a painted board, 512 x 384, it was 2.4 times as much as
-    what told 8 samples from 7.
+    Pictures of several grids are compared with the target, in some pixels whose inside varies, beside one of a lattice,
+    which stands for the mean over the pixel. If the target `t` is the picture `a` and noise, then another picture `b`
+    is farther away: `|b - t|^2 - |a - t|^2` is `|a - b|^2` on average. So the difference of the two sums of squares is
+    measured in units of the squares between the two pictures: it is 1 where `a` is the target's grid, -1 where `b` is.
+    What a step of the unknowns explains of a residual is taken off first: these unknowns are those of an edge-aware
+    picture, and what they are off by would hide which grid is right. Of a painted board, 512 x 384, it was 2.4 times as
+    much as what told 8 samples from 7.
     """
-    # Some pixels at random, of those that count and whose inside varies. 1024 take a second or some of two cores. With
-    # 128 the grid of a board of 80 x 60 was not told under noise of .05.
     target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
     variance = np.where(root > 0, coarse.variance.max(axis=0), 0.0)
     row, column = np.nonzero(variance > 0.1 * np.max(variance))
-    some = np.random.default_rng(0).permutation(len(row))[:1024]
-    row, column = row[some], column[some]
     # If the film mixes pixels, a few of them tell nothing.
     if not len(column) or problem.film_reach(y) > 0:
         return None
-    scene = problem.scene_at(y)
-    derivative = np.asarray(jacobian, np.float64)[:, :, row, column].reshape(len(jacobian), -1).T
+    scene, order = problem.scene_at(y), np.random.default_rng(0).permutation(len(row))
+    derivative = np.asarray(jacobian, np.float64)[:, :, row, column]
 
-    def residual(samples: int) -> Float[np.ndarray, "3 pixels"]:
-        light = np.zeros(target.shape)
-        light[:, row, column] = pixel_moments(problem, scene, column, row, sample_offsets(samples)).mean
-        off = (developed(problem, y, light) - target)[:, row, column] * root[row, column]
-        step = np.linalg.lstsq(derivative, off.reshape(-1))[0]
-        return off - (derivative @ step).reshape(off.shape)
+    def residual(offsets: Float[np.ndarray, "samples 2"], some: Int[np.ndarray, " some"]) -> np.ndarray:
+        light, (where, at) = np.zeros(target.shape), (row[some], column[some])
+        light[:, where, at] = pixel_moments(problem, scene, at, where, offsets).mean
+        off = (developed(problem, y, light) - target)[:, where, at] * root[where, at]
+        slopes = derivative[:, :, some].reshape(len(derivative), -1).T
+        return off - (slopes @ np.linalg.lstsq(slopes, off.reshape(-1))[0]).reshape(off.shape)
 
-    residuals: dict[int, np.ndarray] = {}
-    for grids in GRIDS:
-        residuals |= {samples: residual(samples) for samples in grids}
-        best = nearest_by_far(residuals)
-        if best is not None:
-            return best
-    return None
+    # A few pixels leave few grids, mostly none or one; 1024 tell it under noise of .05, which 128 do not.
+    tried, found, most = list(GRIDS), np.zeros((0, 3, 0)), 1024
+    for count in (128, most):
+        some = order[:count]
+        found = np.array([residual(sample_offsets(samples), some) for samples in tried])
+        whole = residual(lattice_offsets(610), some)
+        nearer, error = nearness(found, whole)
+        # The right grid at the truth has 1; unknowns 1e-4 off leave it 0.4. What no number of pixels can tell is out.
+        kept = (nearer + 4 * error > 0.3) & (5 * error < np.sqrt(most / count))
+        tried, found = [n for n, one in zip(tried, kept, strict=True) if one], found[kept]
+        if not tried:
+            return None
+    best = int(np.argmin(np.sum(found**2, axis=(1, 2))))
+    nearer, error = nearness(found[best][None], np.concatenate([np.delete(found, best, axis=0), whole[None]]))
+    return tried[best] if np.all(nearer > np.maximum(0.3, 5 * error)) else None
 
 
-def nearest_by_far(residuals: dict[int, Float[np.ndarray, "3 pixels"]]) -> int | None:
-    """The number of samples whose residuals are clearly smaller than those of any other; never the finest."""
-    tried, each = list(residuals), np.array(list(residuals.values()))
-    squares = np.sum(each**2, axis=1)
-    best = int(np.argmin(squares.mean(axis=1)))
-    if tried[best] == max(tried):
-        return None
-    # The ratio of sums that `detect_grid` explains, for each other picture, and its standard error over pixels.
-    between = np.delete(np.sum((each - each[best]) ** 2, axis=1), best, axis=0)
-    gain = np.delete(squares - squares[best], best, axis=0)
-    length = np.maximum(between.sum(axis=1), TINY)
-    nearer = gain.sum(axis=1) / length
-    error = np.linalg.norm(gain - nearer[:, None] * between, axis=1) / length
-    # The ratio is 1 of the right grid at the truth. Values 1e-4 off leave it 0.4; the best wrong grid, of a target that
-    # no grid has made, has less than 0 beside the finest. It must be clear of chance by five standard errors besides.
-    return tried[best] if np.all(nearer > np.maximum(0.3, 5.0 * error)) else None
+def nearness(
+    one: Float[np.ndarray, "*#pictures 3 pixels"], other: Float[np.ndarray, "*#pictures 3 pixels"]
+) -> tuple[Float[np.ndarray, " pictures"], Float[np.ndarray, " pictures"]]:
+    """The ratio of sums that `detect_grid` explains, by residuals of two pictures, and its standard error."""
+    between = np.sum((one - other) ** 2, axis=-2)
+    gain = np.sum(other**2, axis=-2) - np.sum(one**2, axis=-2)
+    length = np.maximum(between.sum(axis=-1), TINY)
+    nearer = gain.sum(axis=-1) / length
+    return nearer, np.linalg.norm(gain - nearer[..., None] * between, axis=-1) / length
 
 
 Sampling = Literal["box", "point"]

@@ -125,103 +125,79 @@ def advance(solver, y, model: LinearModel, state):
 
 
 FARTHEST = 0.1
-"""A step longer than this in natural scales, beyond which the linear model does not hold, is not taken and is the last.
-From near the answer 0.05 and 0.2 do the same."""
-
-REST = 2.0
-"""A solver is at rest where the next step is shorter than so many standard errors. Where the best place is at a jump of
-a pixel that decides, steps go to and fro by about one, however short one makes them."""
+"""The trust radius of a step, in natural scales, beyond which the linear model does not hold: a longer one is not taken
+and is the last. From near the answer 0.05 and 0.2 do the same."""
 
 
 class Pace(NamedTuple):
-    """Gauss-Newton's memory of its last step.
+    """Gauss-Newton's memory.
 
     Args:
-        move: how long the step was that was taken, in standard errors.
+        promised: by how much the step from the best place would lower the sum of squares, were the problem linear.
+        in_vain: steps in a row whose end promises more than half of that.
     """
 
-    rounds: int
-    step: Values
-    fraction: float
-    move: float
+    promised: float
+    in_vain: int
 
 
-def gauss_newton(
-    solution: FitState,
-    renew: Callable[[FitState, int], Problem],
-    record: Record,
-    corrected: bool = False,
-) -> FitState:
-    """Take steps until they move nothing; the last step says whether the solver came to rest.
+def gauss_newton(start: FitState, look: Callable[[Vector], FitState], record: Record, rounds: int = 20) -> FitState:
+    """Take steps without asking for a lower cost, and return the place from which the next one would be shortest.
 
-    A point, or a renewed problem, whose cost or derivatives are not finite is not taken. The steps then end at the
-    point before, with a warning, and the solver has not come to rest.
+    A picture of points or of samples jumps where an edge crosses one, so that its cost holds up a solver that asks it
+    to fall. A step is the estimate's distance from the answer as the derivative sees it, and its measure is what it
+    promises to take off the sum of squares: `|P r|^2`, P projecting on the span of the Jacobian (the relative offset of
+    Bates and Watts 1981). The steps end where a step is a twentieth of a standard error or rounding, where it leaves
+    the neighbourhood in which the derivative holds, or when three in a row did not halve it. What is left, the step
+    that was not taken, is a `resolution` of the answer.
+
+    A point whose cost or derivatives are not finite is not taken. The steps then end at the point before, with a
+    warning, and the solver has not come to rest.
 
     Args:
-        renew: gives the problem to solve at a point, in a round; rounds count from 0.
-        corrected: whether the problem is corrected at each point, roughly at the first one, whose step is taken anyway.
-            From then on a step back over the last one goes half as far. Storing a picture makes stairs of it, over
-            whose edges full steps go to and fro; places half such a step apart count as the same.
+        start: where to begin, as `look` sees it.
+        look: the problem near a point.
     """
-    # Steps shorter than so many standard errors are not taken, nor those shorter than this in natural scales: the end
-    # on targets without noise, whose errors are next to nothing. A point-sampled picture has no error of its own: with
-    # 5 to 10 rounds such targets are not always met (experiments/tuning). A corrected one is right to its samples; a
-    # JPEG of a checker, whose stairs make the steps of free gains go to and fro, wants more than two rounds.
-    rounds, least_errors, least_scales = (5, 0.1, 3e-6) if corrected else (20, 0.01, 1e-13)
-    first = 1 if corrected else 0
-
-    def look(last: Step[Pace], y: Vector) -> FitState:
-        # Renew the problem, for example with the bias found at this point, and look at it from here.
-        here = dataclasses.replace(last.best, y=y)
-        problem = renew(here, last.memory.rounds)
-        return dataclasses.replace(here, problem=problem, linearization=problem.linearize(y, here.stage))
 
     def propose(last: Step[Pace], seen: FitState) -> Step[Pace]:
-        problem, linearization = seen.problem, seen.linearization
-        round_, before, fraction, move_before = last.memory
+        linearization, problem = seen.linearization, seen.problem
         if not linearization.is_finite:
             words = "a picture or a derivative has values that are not finite: the last steps of the fit end before it."
             warnings.warn(words, RuntimeWarning, stacklevel=2)
-            best = dataclasses.replace(last.best, settled=False, next_move=0.0)
-            return Step(best, False, None, last.memory)
-        # Choose the step, from now on half as long if it takes back in the picture what the last one changed.
+            return Step(dataclasses.replace(last.best, settled=False, next_move=0.0), False, None, last.memory)
+        # Measure the step, and see whether the one before was worth it.
         free = project_gradient(linearization, seen.y, problem.unknowns)
-        whole, move, between = gauss_newton_step(free), move_in_errors(free), seen.resolution
-        # The first step after those that are taken anyway may lead back: its problem is a finer one.
-        if corrected and round_ > first and changed(free, whole) @ changed(free, before) < 0:
-            fraction, between = fraction / 2, outer(whole[:, None] / 2)
-        step, move = fraction * whole, fraction * move
-        # Measure how far it leads, and decide whether it is worth taking.
-        y = problem.array(shorten_step(problem, seen.y, seen.y + step))
-        reach = problem.scaled_distance(problem.values(y), problem.values(seen.y))
-        tried, here = np.asarray(y), np.asarray(seen.y)
-        is_rounding = np.abs(tried - here) <= ROUNDINGS * np.finfo(here.dtype).eps * np.maximum(np.abs(here), 1)
-        is_no_step = reach < least_scales or bool(np.all(is_rounding))
-        # Steps that do not get shorter follow the samples of a picture and not the scene. But the first one after those
-        # that are taken anyway belongs to a finer problem, and may well be longer.
-        aimless = move > move_before and round_ > first and round_ >= rounds // 2
-        is_short = (move < least_errors or is_no_step) and round_ >= first
-        is_at_rest = reach < FARTHEST and (move < REST or is_no_step)
-        best = dataclasses.replace(seen, settled=is_at_rest, next_move=move, resolution=between)
-        to = None if is_short or reach > FARTHEST or aimless else y
-        return Step(best, True, to, Pace(round_ + 1, whole, fraction, move))
+        promised = float(np.sum(project_on_range(free) ** 2))
+        in_vain = 0 if promised < 0.5 * last.memory.promised else last.memory.in_vain + 1
+        # The loss's own curvature makes longer steps than its weights, which overshoot where residuals are roundings.
+        step, move = gauss_newton_step(free, curved=in_vain == 0), move_in_errors(free)
+        to = problem.array(shorten_step(problem, seen.y, seen.y + step))
+        reach = problem.scaled_distance(problem.values(to), problem.values(seen.y))
+        best, is_best = last.best, promised < last.memory.promised
+        if is_best:
+            left = outer(step[:, None])
+            best = dataclasses.replace(seen, settled=reach < FARTHEST, next_move=move, resolution=left)
+        # Choose the next place, or end.
+        here = np.asarray(seen.y)
+        rounding = ROUNDINGS * np.finfo(here.dtype).eps * np.maximum(np.abs(here), 1)
+        is_no_step = move < 0.05 or bool(np.all(np.abs(np.asarray(to) - here) <= rounding))
+        ends = is_no_step or in_vain == 3 or reach >= FARTHEST
+        return Step(best, is_best, None if ends else to, Pace(min(promised, last.memory.promised), in_vain))
 
-    begin = Step(solution, True, solution.y, Pace(0, np.zeros(len(solution.y)), 1.0, np.inf))
-    return iterate(begin, look, propose, rounds, record)
+    begin = Step(start, True, start.y, Pace(np.inf, 0))
+    return iterate(begin, lambda last, y: start if y is start.y else look(y), propose, rounds, record)
 
 
-def changed(linearization: Linearization, step: Values) -> Float[np.ndarray, " rows"]:
-    """The change of the rotated residual by a step."""
-    return np.asarray(linearization.jacobian, np.float64) @ step
-
-
-def gauss_newton_step(linearization: Linearization) -> Values:
+def gauss_newton_step(linearization: Linearization, curved: bool = True) -> Values:
     """The step to the minimum of the loss near a point; it is 0 along what the picture does not determine.
 
     Least squares with the loss's weights take the weights for fixed and come up short, since a residual that grows
     counts less: each step leaves `1 - E rho'' / E w` of the error, two fifths beside Gaussian noise. So the loss's own
     curvature is taken where there are no more outliers than that. The step is computed in numpy: the triangle has few
     rows and is needed in double precision, and nothing is compiled.
+
+    Args:
+        curved: whether to take that curvature; without it the weights.
     """
     triangle, residual, curvature = (
         np.asarray(part, np.float64)
@@ -237,7 +213,7 @@ def gauss_newton_step(linearization: Linearization) -> Values:
     bends, turned = np.linalg.eigh(whiten.T @ curvature @ whiten)
     # A loss that curves up by less than a quarter of its weights in some direction sees outliers first. A step from
     # there is that of its weights, which does not overshoot.
-    if len(bends) and bends[0] > 0.25:
+    if curved and len(bends) and bends[0] > 0.25:
         pull = turned @ ((turned.T @ pull) / bends)
     return -whiten @ pull
 

@@ -13,8 +13,7 @@ from raytrace_jax.inverse.noise import EVIDENCE, is_near
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.result import PROFILE_95, FitHistory, FitPictures, FitResult, Minimum, Profile, Status
-from raytrace_jax.inverse.solvers import gauss_newton_step
-from raytrace_jax.inverse.steps import Recorder, bounds_reached, clip, project_gradient
+from raytrace_jax.inverse.steps import Recorder, bounds_reached
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.util.text import listed
@@ -199,7 +198,7 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
         edges, loss, target_samples = options.edges, options.loss, options.target_samples
         uncertainty = Uncertainty.unknown(len(names), options.sigma)
         observed = problem.observation
-        pictures = FitPictures(np.asarray(observed.target), np.asarray(observed.root_weight) ** 2)
+        pictures = FitPictures(np.asarray(observed.target), weights_of(problem))
     else:
         uncertainty = findings.uncertainty or quantify_uncertainty(solution, options.sigma)
         loss = solution.stage.loss
@@ -217,9 +216,9 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
     else:
         assert solution is not None
         residual, counts = solution.residual, solution.counts
-        explained = is_near(residual, pictures.target, counts)
+        explained = is_near(residual, solution.weighted_target, counts)
         status, message, advice = fit_status(
-            settled=solution.settled or is_within_errors(solution, uncertainty, check),
+            settled=solution.settled,
             explained=explained,
             finite=solution.linearization.is_finite,
             check=check,
@@ -245,7 +244,7 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
         value=problem.values(y),
         initial=problem.unknowns.initial(problem.scene),
         at_bound=at_bound,
-        uncertainty=uncertainty,
+        uncertainty=dataclasses.replace(uncertainty, sigma=uncertainty.sigma * problem.unit),
         check=check,
         profiles=findings.profiles,
         priors=tuple((name, *prior) for name, prior in setup.priors.items()),
@@ -262,21 +261,6 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
             "seconds": f"{recorder.history[-1].seconds:.3g}" if recorder.history else "0",
         },
     )
-
-
-def is_within_errors(solution: FitState, uncertainty: Uncertainty, check: ModelCheck) -> bool:
-    """Whether the step that would come next stays within the total error of every estimate.
-
-    It asks so of steps that ended on their own. What makes errors, such as storage and samples, also moves the place of
-    rest with each step, and the solver goes to and fro.
-    """
-    problem = solution.problem
-    variance = np.diagonal(uncertainty.covariance + check.covariance)
-    if not solution.next_move > 0 or not np.isfinite(variance).all():
-        return False
-    step = gauss_newton_step(project_gradient(solution.linearization, solution.y, problem.unknowns))
-    there = problem.values(problem.array(clip(problem.array(solution.y + step), problem.unknowns)))
-    return bool(np.all((there - problem.values(solution.y)) ** 2 <= variance))
 
 
 def above_one_in_words(problem: Problem, explained: bool, at_bound: Mapping[str, float]) -> str:
@@ -298,17 +282,22 @@ def above_one_in_words(problem: Problem, explained: bool, at_bound: Mapping[str,
     )
 
 
+def weights_of(problem: Problem) -> np.ndarray:
+    """The weights of a target's pixels, "height width", in the unit in which they were given."""
+    return (np.asarray(problem.observation.root_weight, np.float64) * problem.unit) ** 2
+
+
 def _pictures(problem: Problem, solution: FitState, start: np.ndarray | None) -> FitPictures:
     """The pictures of a problem's solution, and how they differ; pixels that are not finite do not count."""
     linearization, observed = solution.linearization, solution.problem.observation
     weight = solution.under_loss("weight")
     return FitPictures(
         target=np.asarray(problem.observation.target),
-        weights=np.where(np.asarray(linearization.bad), 0, np.asarray(problem.observation.root_weight) ** 2),
+        weights=np.where(np.asarray(linearization.bad), 0, weights_of(problem)),
         start=start,
         estimate=np.asarray(linearization.image + observed.bias),
-        rms_residual=solution.rms_residual,
-        typical_residual=MAD_TO_SIGMA * float(linearization.typical),
+        rms_residual=solution.rms_residual * problem.unit,
+        typical_residual=MAD_TO_SIGMA * float(linearization.typical) * problem.unit,
         # A robust loss leaves out what it counts for less than a hundredth of the others.
         left_out=int(np.sum(solution.counts & (weight.min(axis=0) < 0.01))),
     )

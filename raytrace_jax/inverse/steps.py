@@ -119,8 +119,8 @@ class LocalMinimum:
     @classmethod
     def of(cls, state: FitState, candidate: int, level: int) -> "LocalMinimum":
         """The minimum that a solve from a candidate came to on a level, yet without evidence against it."""
-        value, explained = state.problem.values(state.y), explains(state)
-        return cls(Minimum(candidate, value, state.rms_residual, level, explained, 0.0), state.y, state.residual)
+        value, rms = state.problem.values(state.y), state.rms_residual * state.problem.unit
+        return cls(Minimum(candidate, value, rms, level, explains(state), 0.0), state.y, state.residual)
 
     def judged_against(self, best: Image) -> "LocalMinimum":
         """A copy with the evidence that a better residual is better."""
@@ -204,6 +204,7 @@ class Recorder:
         number = sum((step.candidate, step.level) == place for step in self.history)
         if self.leads:
             self.found(answer=y)
+        cost *= self.problem.unit**2
         self.history.append(FitStep(*place, self.blur, number, cost, accepted, self.problem.values(y), self.seconds))
         if self.on_step is not None and not self.is_stopped:
             self.on_step(self.history[-1])

@@ -113,11 +113,11 @@ def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
     At the optimum the pulls `g = sum of rho'(r) J` add up to 0. Noise moves them by a dg of covariance M, and the
     estimate follows by `-H^-1 dg`, H being the loss's second derivative without that of the picture. So the covariance
     is the sandwich `H^-1 M H^-1` (Huber 1967; White 1980), which holds whatever the noise's distribution. M sums up the
-    pulls' squares, what residuals of high leverage hide of theirs, their correlation over a few pixels and between
-    channels where there is one, and that of equal colours, which are stored with equal errors. If sigma is larger than
-    the noise that the residuals show, the missing noise is added: no error is below the bound. H and M are taken in the
-    directions in which the Jacobian's triangle R is the identity, since an inverse of `J^T J` would square the
-    condition number.
+    squares of the pixels' pulls, whose channels share their samples, what pixels of high leverage hide of theirs, their
+    correlation over a few pixels where there is one, and that of equal colours, which are stored with equal errors. If
+    sigma is larger than the noise that the residuals show, the missing noise is added: no error is below the bound. H
+    and M are taken in the directions in which the Jacobian's triangle R is the identity, since an inverse of `J^T J`
+    would square the condition number.
 
     The covariance of unknowns that the picture does not tell apart although its derivative does, the state's
     `resolution`, is added to the estimate's. Where sums of squares are beyond the dtype nothing is known, and the
@@ -168,7 +168,7 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     jacobian = np.asarray(linearization.pixel_jacobian, np.float64)
     weight, score = state.under_loss("weight"), state.under_loss("score")
     score_covariance = np.asarray(linearization.pixel_scatter, np.float64) + hidden_scatter(
-        jacobian.reshape(len(names), -1), weight.reshape(-1), score.reshape(-1)
+        jacobian.reshape(len(names), 3, -1), weight.reshape(3, -1), score.reshape(3, -1)
     )
     neighbour_covariance = correlated_scatter(jacobian, score, np.asarray(linearization.matters))
     # Correlations may take away three quarters of a variance, as after sharpening. Where they take more in a direction,

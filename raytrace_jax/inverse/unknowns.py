@@ -101,20 +101,24 @@ LEAST_SCALE = 0.1
 """The natural scale, in units, of a number that is 0 and so has no size of its own."""
 
 
-def natural_unit(scene: Scene, quantity: Quantity, model: ModelName = "classic") -> float:
-    """The size at which a parameter of this quantity counts as 1, scaled with the scene by the quantity's dimension."""
+def natural_unit(scene: Scene, quantity: Quantity, model: ModelName = "classic", light: float = 1.0) -> float:
+    """The size at which a parameter of this quantity counts as 1, scaled with the scene by the quantity's dimension.
+
+    Args:
+        light: how large the scene's light is.
+    """
     # A scene measures ten units of length; for the course's scenes that is their world unit.
-    return (float(world_length(scene)) / 10) ** quantity.dimension_in(model)
+    return (float(world_length(scene)) / 10) ** quantity.dimension_in(model) * (light if quantity.is_light else 1.0)
 
 
-def natural_scale(scene: Scene, name: str, model: ModelName = "classic") -> float:
+def natural_scale(scene: Scene, name: str, model: ModelName = "classic", light: float = 1.0) -> float:
     """The size of a large change of a parameter: the step of a search, the measure of an error.
 
     An index counts from 1, a position in radii of its sphere, anything else by its own size, as its `Quantity` says.
     """
     address, block, attribute, _ = resolve(scene, name)
     value, quantity = float(address.read(scene)), attribute.quantity
-    unit = natural_unit(scene, quantity, model)
+    unit = natural_unit(scene, quantity, model, light)
     if quantity.scale == "index":
         return max(abs(value - 1), LEAST_SCALE)
     if quantity.scale == "block":
@@ -191,7 +195,12 @@ class Unknowns:
 
 
 def make_unknowns(
-    scene: Scene, free: Sequence[str], ties: Mapping[str, str] | None = None, *, model: ModelName = "classic"
+    scene: Scene,
+    free: Sequence[str],
+    ties: Mapping[str, str] | None = None,
+    *,
+    model: ModelName = "classic",
+    light: float = 1.0,
 ) -> Unknowns:
     """The unknowns of a fit.
 
@@ -199,6 +208,7 @@ def make_unknowns(
         free: names of parameters, `vitreous.ior`, or of whole vectors, `vitreous.center`.
         ties: leader by follower, both scalars or both vectors; the leader is free, the follower is not.
         model: the surfaces' model, from which the units of what they send out follow.
+        light: how large the scene's light is.
 
     Raises:
         ParameterError: unknown names, none at all, one twice, a number that cannot move alone or means nothing to the
@@ -223,11 +233,11 @@ def make_unknowns(
     for follower, leader in pairs:
         if (follower in of_film) != (leader in of_film):
             raise ParameterError(f"tie {follower}={leader}: one is the film's and the other is not.")
-    transforms = tuple(_transform(scene, name, model) for name in names)
+    transforms = tuple(_transform(scene, name, model, light) for name in names)
     return Unknowns(tuple(names), transforms, tuple(pairs), tuple(name for name in names if name in of_film))
 
 
-def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
+def _transform(scene: Scene, name: str, model: ModelName, light: float) -> Transform:
     """The transform of a free number. Raises ParameterError where the number cannot move alone."""
     address, block, attribute, _ = resolve(scene, name)
     if not attribute.is_used_by(model):
@@ -235,11 +245,11 @@ def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
     values = {other: np.array(value) for other, value in block.read_all(scene).items()}
     # A hundredth of the natural scale is more than sides that have to be orthogonal allow.
     component = ... if address.component is None else address.component
-    values[attribute.name][component] += 0.01 * natural_scale(scene, name, model)
+    values[attribute.name][component] += 0.01 * natural_scale(scene, name, model, light)
     complaint = block.type.complaint(values)
     if complaint:
         raise ParameterError(f"{name} cannot be free: where it moves alone, {complaint[1]}.")
-    unit = natural_unit(scene, attribute.quantity, model)
+    unit = natural_unit(scene, attribute.quantity, model, light)
     return default_transform(attribute.quantity, float(address.read(scene)), unit)
 
 

@@ -127,7 +127,7 @@ FILM_EFFECTS = (
         is_linear=True,
     ),
     FilmEffect(
-        Attribute("offset", RGB, default=(0.0, 0.0, 0.0)),
+        Attribute("offset", RGB, default=(0.0, 0.0, 0.0), quantity=Quantity(is_light=True)),
         *(lambda image, offset, frame: image + offset[:, None, None], 1e-3, "free it"),
         is_linear=True,
     ),

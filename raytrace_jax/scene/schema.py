@@ -64,6 +64,7 @@ class Quantity(NamedTuple):
         scale: what a large change of it is as large as: the number itself, its vector, the index's distance from 1, or
             the attributes that say how large its block is.
         sized_by: for the scale `block`, these attributes.
+        is_light: whether it is as large as the light: where all light of a scene is doubled, so is the number.
         role: as what a search scans it: an index of refraction, or one of the three numbers of a position in the
             picture; None if it does not.
     """
@@ -74,6 +75,7 @@ class Quantity(NamedTuple):
     ranges: tuple[Range, ...] = ()
     scale: Literal["value", "vector", "index", "block"] = "value"
     sized_by: tuple[str, ...] = ()
+    is_light: bool = False
     role: Literal["index", "position"] | None = None
 
     def dimension_in(self, model: str) -> int:
@@ -90,6 +92,8 @@ ABOVE_ZERO = ((0.0, math.inf),)
 NUMBER = Quantity()
 AMOUNT = Quantity(ranges=ABOVE_ZERO)
 """A number of 0 or more, a colour among them: one that starts negative may stay so, as no range holds it."""
+
+LIGHT = AMOUNT._replace(is_light=True)
 
 PIXELS = Quantity("pixel", scale="vector")
 """A point of the picture."""

@@ -19,6 +19,7 @@ from raytrace_jax.scene.schema import (
     ABOVE_ZERO,
     AMOUNT,
     LENGTH,
+    LIGHT,
     NOT_ALL_ZERO,
     NOT_NEGATIVE,
     PIXELS,
@@ -45,7 +46,7 @@ USUAL_FOV = 39.6
 TRANSPARENCY = ("alpha", "transmission")
 """The attributes by which a material lets light through, of one model or another."""
 
-SHINE = AMOUNT._replace(model_dimensions={"classic": 1, "physical": 2})
+SHINE = LIGHT._replace(model_dimensions={"classic": 1, "physical": 2})
 """The colour of point lights, which the classic model divides by a distance and the physical one by its square.
 
 Ambient light has it too, of which the physical model knows nothing."""
@@ -121,7 +122,7 @@ def _material(struct: type[scene.Materials], group: str, *index: Attribute) -> B
         _weight("reflectivity", "additive", "physical"),
         _weight("fresnel", "additive"),
         _weight("transmission", "additive", "physical"),
-        _color("emission", "physical"),
+        _color("emission", "physical")._replace(quantity=LIGHT),
         _color("absorption", "physical")._replace(limit=NOT_NEGATIVE, quantity=AMOUNT._replace(dimension=-1)),
         TEXTURE,
     )
@@ -199,7 +200,7 @@ _CAMERA_CHECKS = (
     Check(("pixeldim", "fov", "center", "distortion"), _folds_over),
 )
 _ENERGY = Attribute(
-    "energy", default=(10.0,), only_models=("additive",), limit=NOT_NEGATIVE, quantity=AMOUNT._replace(dimension=2)
+    "energy", default=(10.0,), only_models=("additive",), limit=NOT_NEGATIVE, quantity=LIGHT._replace(dimension=2)
 )
 _LIGHT = (Attribute("location", XYZ, quantity=VECTOR), Attribute("emissivity", RGB, quantity=SHINE), _ENERGY)
 _CHECKER = (
@@ -231,7 +232,7 @@ _RECTANGLE = (
     Attribute("up", XYZ, limit=NOT_ALL_ZERO, quantity=VECTOR),
 )
 _SIDES = (Check(("right", "up"), _not_orthogonal),)
-_BACKGROUND = (Attribute("radiance", RGB, quantity=AMOUNT), TEXTURE)
+_BACKGROUND = (Attribute("radiance", RGB, quantity=LIGHT), TEXTURE)
 _EFFECTS = tuple(effect.attribute for effect in FILM_EFFECTS)
 
 _ROWS = (
