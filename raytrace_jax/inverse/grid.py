@@ -213,13 +213,13 @@ def settle(
     while True:
         recorder.phase(f"comparing with {whose}")
         picture = resampled(problem, start, stage, samples, size, coarse)
-        lowest = descend(picture, picture.leading if lists == 0 else picture.problem, stage, recorder)
+        lowest = descend(picture, picture.leading, stage, recorder)
         # Beyond a tenth of a pixel of a large ball another derivative holds, and edges may have left the listed pixels.
         moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
         lists += 1
         wanted = size if samples is not None else needed_size(picture, lowest)
         # What is not explained will not be explained by more samples.
-        if lists == 3 or (lists > 1 and moved < 1e-3 and wanted <= size) or not explains(lowest):
+        if lists == 3 or (moved < 1e-3 and wanted <= size) or not explains(lowest):
             break
         start, coarse, size = lowest.y, None, max(wanted, size)
     if samples is not None and not is_told(picture, lowest):

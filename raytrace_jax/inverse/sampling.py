@@ -150,12 +150,12 @@ def detect_grid(
         slopes = derivative[:, :, some].reshape(len(derivative), -1).T
         return off - (slopes @ np.linalg.lstsq(slopes, off.reshape(-1))[0]).reshape(off.shape)
 
-    # A few pixels leave few grids, mostly none or one; 1024 tell it under noise of .05, which 128 do not.
+    # A few pixels leave few grids, mostly none or one; 1024 tell it under noise of .05, which 128 did not.
     tried, found, most = list(GRIDS), np.zeros((0, 3, 0)), 1024
-    for count in (128, most):
+    for count in (64, most):
         some = order[:count]
         found = np.array([residual(sample_offsets(samples), some) for samples in tried])
-        whole = residual(lattice_offsets(610), some)
+        whole = residual(lattice_offsets(233), some)
         nearer, error = nearness(found, whole)
         # The right grid at the truth has 1; unknowns 1e-4 off leave it 0.4. What no number of pixels can tell is out.
         kept = (nearer + 4 * error > 0.3) & (5 * error < np.sqrt(most / count))

@@ -147,8 +147,8 @@ def gauss_newton(start: FitState, look: Callable[[Vector], FitState], record: Re
     A picture of points or of samples jumps where an edge crosses one, so that its cost holds up a solver that asks it
     to fall. A step is the estimate's distance from the answer as the derivative sees it, and its measure is what it
     promises to take off the sum of squares: `|P r|^2`, P projecting on the span of the Jacobian (the relative offset of
-    Bates and Watts 1981). The steps end where a step is a twentieth of a standard error or rounding, where it leaves
-    the neighbourhood in which the derivative holds, or when three in a row did not halve it. What is left, the step
+    Bates and Watts 1981). The steps end where a step is a tenth of a standard error or rounding, where it leaves the
+    neighbourhood in which the derivative holds, or when two in a row did not halve it. What is left, the step
     that was not taken, is a `resolution` of the answer.
 
     A point whose cost or derivatives are not finite is not taken. The steps then end at the point before, with a
@@ -180,8 +180,8 @@ def gauss_newton(start: FitState, look: Callable[[Vector], FitState], record: Re
         # Choose the next place, or end.
         here = np.asarray(seen.y)
         rounding = ROUNDINGS * np.finfo(here.dtype).eps * np.maximum(np.abs(here), 1)
-        is_no_step = move < 0.05 or bool(np.all(np.abs(np.asarray(to) - here) <= rounding))
-        ends = is_no_step or in_vain == 3 or reach >= FARTHEST
+        is_no_step = move < 0.1 or bool(np.all(np.abs(np.asarray(to) - here) <= rounding))
+        ends = is_no_step or in_vain == 2 or reach >= FARTHEST
         return Step(best, is_best, None if ends else to, Pace(min(promised, last.memory.promised), in_vain))
 
     begin = Step(start, True, start.y, Pace(np.inf, 0))
