@@ -11,6 +11,7 @@ from numpy_tracer import NumpyTracer
 from scenes import random_scene, resolved
 
 from raytrace_jax import parse_scene
+from raytrace_jax.scene.scene import least_distance
 from raytrace_jax.tracer.geometry import intersection, shape_types
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take, unpacked
 from raytrace_jax.tracer.geometry.shape_types import scene_shapes as shapes_of
@@ -121,7 +122,7 @@ def test_a_spawned_ray_never_meets_its_own_origin(dtype, seed):
     is_sphere = np.asarray([kind == "sphere" for kind in scene_shapes(scene).types])
     assert np.all(is_sphere[np.asarray(hits.shape)[again]])
     assert np.all(np.asarray(rays.inside)[again])
-    assert np.all(np.asarray(hits.t)[np.asarray(hits.valid)] > float(intersection.least_distance(jnp.ones((), dtype))))
+    assert np.all(np.asarray(hits.t)[np.asarray(hits.valid)] > float(least_distance(jnp.ones((), dtype))))
     # The chord is 2 r cos(theta), theta the angle between the ray and the normal at its origin.
     shapes = scene_shapes(scene)
     index = np.asarray(rays.origin_shape)

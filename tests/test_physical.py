@@ -126,6 +126,51 @@ def test_a_white_furnace_is_white_but_for_what_is_still_under_way(as_scene):
     assert (seen - few).min() >= 0
 
 
+BEFORE_A_BOARD = """camera eye { pixeldim 16 12 viewpoint 0 0 5 lookat 0.1 0.2 0 fov 30 }
+texture squares { kind checker color1 0.1 0.2 0.3 color2 0.9 0.8 0.7 square 0.5 }
+material board { emission 1 1 1 texture squares } rectangle wall { material board center 0 0 -3 right 4 0 0 up 0 4 0 }
+material crown { transmission 1 ior 1.5 } material water { transmission 1 ior 1.3 }
+material air { transmission 1 ior 1 }
+"""
+BALL = "sphere ball { material crown center 0.1 -0.1 0.2 radius 1 }"
+COPY = "sphere copy { material water center 0.1 -0.1 0.2 radius 1 }"
+LAKE = "plane lake { material water normal 0.1 0.2 1 point 0 0 0 }"
+
+
+@pytest.mark.parametrize(
+    ("shapes", "same"),
+    [
+        # Oil that touches the lake, and oil that would fill it, were the lake not the first.
+        ("plane oil { material crown normal -0.1 -0.2 -1 point 0.2 -0.1 0 }", ("0.2 -0.1 0 }", "0 0 -99 }")),
+        # Oil of the lake's own surface, and oil far beneath it.
+        ("plane oil { material crown normal 0.2 0.4 2 point 0.2 -0.1 0 }", ("0.2 -0.1 0 }", "0 0 -99 }")),
+        # The same ball twice, and a second one behind the wall.
+        (COPY + BALL, (BALL, BALL.replace("0.2 radius", "-9 radius"))),
+        # A wall of glass that is too thin to be seen, and one of air.
+        (COPY.replace("water", "air").replace("radius 1", "radius 0.99999999") + BALL, ("crown", "air")),
+    ],
+)
+def test_surfaces_that_coincide_are_crossed_together(shapes, same):
+    lake = "" if "ball" in shapes else LAKE
+    pictures = [
+        render(parse_scene(BEFORE_A_BOARD + lake + some, model="physical")).image
+        for some in (shapes, shapes.replace(*same))
+    ]
+    np.testing.assert_allclose(*pictures, rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_ball_of_which_there_is_a_copy_has_its_own_derivatives():
+    """An edge between two surfaces that coincide would be anywhere."""
+    settings, names = RenderSettings(edges="aware"), ["ball.ior", "ball.center"]
+    one, two = (
+        picture_derivatives(parse_scene(BEFORE_A_BOARD + some, model="physical"), names, settings)
+        for some in (BALL, BALL + COPY)
+    )
+    np.testing.assert_allclose(two.image, one.image, rtol=1e-5)
+    np.testing.assert_allclose(two.values, one.values, rtol=1e-4, atol=1e-4)
+
+
 @pytest.mark.slow
 def test_glass_of_index_one_is_not_there(as_scene):
     """Abbe's number says nothing of it either; it is traced channel by channel."""

@@ -149,3 +149,39 @@ def test_a_matt_surface_that_no_light_reaches_is_told():
     assert sentence.startswith("back, ball are matt and black: only light blocks shine on matt surfaces")
     lit = text + "light lamp2 { location 0 5 0 emissivity 1 1 1 }"
     assert scene_warnings(parse_scene(lit, model="physical"), "physical") == []
+
+
+def ball(name, material, radius, center="0 0 0"):
+    return f"sphere {name} {{ material {material} center {center} radius {radius} }}"
+
+
+def plane(name, material, normal, point="0 0 -3"):
+    return f"plane {name} {{ material {material} normal {normal} point {point} }}"
+
+
+@pytest.mark.parametrize(
+    ("shapes", "eye", "told"),
+    [
+        ([ball("copy", "crown", 1)], 5, "the surfaces of ball and copy are less than 1e-05 units apart"),
+        ([ball("hollow", "air", 0.999995)], 5, "the surfaces of ball and hollow are"),
+        ([ball("core", "mirror", 0.999995)], 5, "the surfaces of ball and core are"),
+        ([ball("hollow", "air", 0.99998)], 5, None),
+        ([ball("touching", "crown", 1, "2 0 0")], 5, None),
+        ([ball("one", "mirror", 1, "0 2 0"), ball("two", "mirror", 1, "0 2 0")], 5, None),
+        ([plane("a", "crown", "0 0 2"), plane("b", "air", "0 0 1", "4 2 -3")], 5, "the surfaces of a and b are"),
+        ([plane("a", "crown", "0 0 1"), plane("b", "air", "0 0 -1")], 5, None),
+        ([], 1.000001, "the camera eye is less than 1e-05 units from the surface of ball"),
+        (
+            [plane("pane", "crown", "0 0 1", "3 0 5")],
+            5,
+            "the camera eye is less than 1e-05 units from the surface of p",
+        ),
+        ([plane("wall", "mirror", "0 0 1", "3 0 5")], 5, None),
+    ],
+)
+def test_glass_that_rays_do_not_tell_apart_is_told(shapes, eye, told):
+    text = f"""camera eye {{ pixeldim 8 6 viewpoint 0 0 {eye} lookat 0 0 -5 }} background sky {{ radiance 1 1 1 }}
+    material crown {{ transmission 1 ior 1.5 }} material air {{ transmission 1 ior 1 }}
+    material mirror {{ reflectivity 1 }} {ball("ball", "crown", 1)} {" ".join(shapes)}"""
+    found = scene_warnings(parse_scene(text, model="physical", dtype=np.float64), "physical")
+    assert len(found) == bool(told) and all(sentence.startswith(told) for sentence in found)

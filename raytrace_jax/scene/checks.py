@@ -3,11 +3,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.spatial import KDTree
 
 from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.parameters import material_of, scene_types, shape_blocks
 from raytrace_jax.scene.response import RGB
-from raytrace_jax.scene.scene import ImagePlaneCamera, Scene
+from raytrace_jax.scene.scene import ImagePlaneCamera, Scene, least_distance, world_length
 from raytrace_jax.scene.schema import NOT_ALL_ZERO, POSITIVE
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.numerics import is_traced
@@ -88,6 +89,45 @@ def scene_warnings(scene: Scene, model: ModelName) -> list[str]:
     camera = scene.camera
     if isinstance(camera, ImagePlaneCamera) and float(camera.viewpoint[2]) == 0:
         found.append(f"the camera {camera.name} is in its image plane, z = 0: all of its rays lie in that plane.")
+    return found + _unresolved_glass(scene) if model == "physical" else found
+
+
+def _unresolved_glass(scene: Scene) -> list[str]:
+    """Balls and planes of glass that are nearer to the surface of another one, or to the camera, than rays can tell."""
+    shapes = [shape for shape in shape_blocks(scene) if shape.keyword != "rectangle"]
+    glass = {shape.name for shape in shapes if _is_set(material_of(scene, shape).read(scene, "transmission"))}
+    if not glass:
+        return []
+    length = float(world_length(scene))
+    least = float(least_distance(world_length(scene) / 10))
+    eye = np.asarray(scene.camera.viewpoint, np.float64)
+
+    # Each surface as lengths: of a ball the centre and the radius, of a plane the normal and the height. The last one
+    # keeps the two kinds apart.
+    surfaces, to_camera = [], {}
+    for shape in shapes:
+        of = {name: np.asarray(value, np.float64) for name, value in shape.read_all(scene).items()}
+        if shape.keyword == "sphere":
+            surfaces.append([*(of["center"] - eye), of["radius"], length])
+            to_camera[shape.name] = abs(np.linalg.norm(of["center"] - eye) - of["radius"])
+        else:
+            normal = of["normal"] / np.linalg.norm(of["normal"])
+            height = normal @ (of["point"] - eye)
+            surfaces.append([*(length * normal), height, 0.0])
+            to_camera[shape.name] = abs(height)
+
+    pairs = [(shapes[a].name, shapes[b].name) for a, b in sorted(KDTree(surfaces).query_pairs(least))]
+    found = [
+        f"the surfaces of {one} and {other} are less than {least:g} units apart, which rays do not tell from none: "
+        f"delete {other}, or move them apart."
+        for one, other in pairs
+        if {one, other} & glass
+    ]
+    if near := [name for name in to_camera if name in glass and to_camera[name] < least]:
+        found.append(
+            f"the camera {scene.camera.name} is less than {least:g} units from the surface of {listed(near)}, and rays "
+            "do not tell on which side of it: move the camera."
+        )
     return found
 
 

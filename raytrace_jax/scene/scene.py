@@ -372,3 +372,14 @@ def world_length(scene: Scene) -> Float[Array, ""]:
     powers = np.array([f"1e{k}" for k in range(least, int(np.log10(limits.max)) + 1)], np.float64).astype(across.dtype)
     index = jnp.clip(jnp.round(exponent).astype(jnp.int32) - least, 0, len(powers) - 1)
     return jnp.asarray(powers)[index]
+
+
+def least_distance(unit: Float[Array, ""]) -> Float[Array, ""]:
+    """The least distance at which a shape is hit: the course's 1e-5, or 1e-4 in float32, which resolves no more.
+
+    It only matters where two shapes meet. Whether a ray can meet its own shape again is decided by identity and side.
+
+    Args:
+        unit: a tenth of `world_length`.
+    """
+    return (1e-5 if unit.dtype == jnp.float64 else 1e-4) * unit

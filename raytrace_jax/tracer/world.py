@@ -10,7 +10,7 @@ from raytrace_jax.errors import RaytraceError
 from raytrace_jax.scene.scene import Background, PointLights, Scene, world_length
 from raytrace_jax.tracer.geometry.intersection import Clusters, make_clusters
 from raytrace_jax.tracer.geometry.rays import MOST_SHAPES
-from raytrace_jax.tracer.geometry.shape_types import scene_shapes
+from raytrace_jax.tracer.geometry.shape_types import repeated, scene_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.image_texture import Pyramid
@@ -57,6 +57,9 @@ def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyra
     # A footprint also meets what its centre misses: bounds around shapes do not tell.
     clusters = make_clusters(jax.lax.stop_gradient(shapes)) if settings.edges != "aware" else []
     has_more = settings.model == "physical"
+    if has_more:
+        hidden = repeated(jax.lax.stop_gradient(shapes))
+        shapes = eqx.tree_at(lambda s: s.hidden, shapes, hidden, is_leaf=lambda leaf: leaf is None)
     if pyramids is None:
         pyramids = prepare_pyramids(scene, settings.edges) if has_more else ()
     return World(

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from raytrace_jax.scene.scene import least_distance
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Rays, Scalars, Vectors, take
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType, hit_distance, surface_normal
@@ -193,14 +194,6 @@ class Nodes(eqx.Module):
         return self.p.ndim == 2
 
 
-def least_distance(unit: Float[Array, ""]) -> Float[Array, ""]:
-    """The least distance at which a shape is hit: the course's 1e-5, or 1e-4 in float32, which resolves no more.
-
-    It only matters where two shapes meet. Whether a ray can meet its own shape again is decided by identity and side.
-    """
-    return (1e-5 if unit.dtype == jnp.float64 else 1e-4) * unit
-
-
 def ends_in_time(path_length: Scalars, settings: ResolvedSettings) -> Flags:
     """Whether paths of these lengths still count; a path of infinite length never does."""
     return path_length <= settings.longest_path if settings.has_longest_path else jnp.isfinite(path_length)
@@ -226,7 +219,8 @@ def find_nearest(
 
     def hit(shape_type: ShapeType, rays: Rays, index):
         shape = jax.tree.map(lambda values: values[..., index], shapes)
-        return shape_type.hit(rays, shape, rays.origin_shape == index, least, settings)
+        t, hits = shape_type.hit(rays, shape, rays.origin_shape == index, least, settings)
+        return t, hits if shape.hidden is None else hits & ~shape.hidden
 
     def ask(shape_type: ShapeType, index):
         return (*hit(shape_type, rays, index), index)

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 
 from raytrace_jax.scene.parameters import shape_blocks
 from raytrace_jax.scene.scene import Scene
@@ -20,7 +20,7 @@ from raytrace_jax.tracer.geometry.rays import UNROLL, Flags
 from raytrace_jax.tracer.geometry.rectangle import RECTANGLE
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.geometry.sphere import SPHERE
-from raytrace_jax.util.numerics import select, with_lower_ranks
+from raytrace_jax.util.numerics import dot, select, with_lower_ranks
 
 SHAPE_TYPES: dict[str, ShapeType] = {"plane": PLANE, "sphere": SPHERE, "rectangle": RECTANGLE}
 """The types of shapes, by their keywords in a scene's file."""
@@ -86,6 +86,19 @@ def is_curved(shape: Shapes) -> Flags:
 def shape_materials(scene: Scene) -> list[int]:
     """The index of each shape's material in the order of the file."""
     return [shape.read(scene, "material") for shape in shape_blocks(scene)]
+
+
+def repeated(shapes: Shapes) -> Bool[Array, " shapes"]:
+    """Whether each shape has the surface of an earlier one; planes do whatever point of them the file has."""
+    is_plane = shapes.type == list(SHAPE_TYPES).index("plane")
+    foot = jnp.where(is_plane, dot(shapes.normal, shapes.position) * shapes.normal, shapes.position)
+    # Types differ in what is 0: a sphere's normal, and of flat shapes a plane's axes.
+    rows = [foot, shapes.normal, shapes.radius[None]]
+    if shapes.axes is not None:
+        rows.append(shapes.axes.reshape(-1, len(shapes.types)))
+    table = jnp.concatenate(rows)
+    same = jnp.all(table[:, :, None] == table[:, None], axis=0)
+    return jnp.any(jnp.tril(same, -1), axis=1)
 
 
 @with_lower_ranks

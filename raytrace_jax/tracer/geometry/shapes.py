@@ -20,7 +20,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -39,6 +39,7 @@ class Shapes(eqx.Module):
         position, normal, curvature, radius: the coefficients.
         axes: two half-side vectors, along which a shape with sides extends to either side of its position; 0 for
             shapes without, None where the scene has none with.
+        hidden: whether an earlier shape has the same surface, and is all that is met there; None where nobody asks.
     """
 
     types: tuple[str, ...] = eqx.field(static=True)
@@ -48,6 +49,7 @@ class Shapes(eqx.Module):
     curvature: Float[Array, " *shapes"]
     radius: Float[Array, " *shapes"]
     axes: Float[Array, "2 3 *shapes"] | None = None
+    hidden: Bool[Array, " *shapes"] | None = None
 
 
 def surface_value(p: Vectors, shape: Shapes) -> Scalars:

@@ -88,6 +88,7 @@ def light_fractions(
         clearance = shape_type.clearance(origins, light, shape, world.unit, settings) / world.unit
         # A flat shape never stands in the way of its own points.
         told = (own == index) & (facing if shape_type.curved else True)
+        told = told if shape.hidden is None else told | shape.hidden
         fraction = positive_fractions(clearance)
         if clear is not None:
             fraction += clear[index] * (1 - fraction)

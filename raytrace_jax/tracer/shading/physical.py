@@ -21,12 +21,13 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from raytrace_jax.optics import reflect, refract
 from raytrace_jax.optics.fresnel import reflected_share
+from raytrace_jax.scene.scene import least_distance
 from raytrace_jax.scene.schema import NO_BLOCK
-from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, least_distance
+from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
@@ -108,22 +109,27 @@ def media_at(world: World, hits: Hits, entering: Flags, settings: ResolvedSettin
 
     Light falls by `exp(-absorption t)` on the way through one (Beer-Lambert); where there is no hit all of it is left.
     """
-    around, size = innermost(world, hits)
+    (outside, inside), (_, size) = innermost(world, hits)
     transmission, radius = (take_column(column, hits.shape) for column in (world.materials.transmission, sizes(world)))
-    first = (radius < size) | ((radius == size) & (hits.shape < around))
-    within = jnp.where(jax.lax.stop_gradient(transmission > 0) & (first | (around == NO_SHAPE)), hits.shape, around)
-    front, back = jnp.where(entering, around, within), jnp.where(entering, within, around)
+    first = (radius < size) | ((radius == size) & (hits.shape < inside))
+    within = jnp.where(jax.lax.stop_gradient(transmission > 0) & (first | (inside == NO_SHAPE)), hits.shape, inside)
+    front, back = jnp.where(entering, outside, within), jnp.where(entering, within, outside)
     t = jnp.where(hits.valid, hits.t, 0)
     absorption = take_column(world.materials.absorption, jnp.maximum(front, 0))
     left = jnp.exp(-jnp.where(front == NO_SHAPE, 0, absorption) * t)
     return Media(index_of(world, back) / index_of(world, front), front, jnp.where(hits.valid, left, 1))
 
 
-def innermost(world: World, hits: Hits) -> tuple[Integers, Scalars]:
-    """The smallest glass shape around each hit, and its size; the shape that is hit does not count."""
-    shapes, transmission, all_sizes, p = jax.lax.stop_gradient(
-        (world.shapes, world.materials.transmission, sizes(world), hits.p)
+def innermost(world: World, hits: Hits) -> tuple[Int[Array, "2 *rays"], Float[Array, "2 *rays"]]:
+    """The smallest glass shape on the outer and the inner side of each hit, and its size; what is hit is left out.
+
+    Each side is asked half the least distance of a hit off the surface: surfaces that coincide are crossed together.
+    """
+    shapes, transmission, all_sizes, p, n = jax.lax.stop_gradient(
+        (world.shapes, world.materials.transmission, sizes(world), hits.p, hits.n)
     )
+    off = least_distance(world.unit) / 2 * n
+    p = jnp.stack([p + off, p - off], axis=1)
 
     def ask(shape_type: ShapeType, index):
         shape = jax.tree.map(lambda values: values[..., index], shapes)
@@ -135,7 +141,8 @@ def innermost(world: World, hits: Hits) -> tuple[Integers, Scalars]:
         closer = holds & ((size < best_size) | ((size == best_size) & ((index < best_index) | (best_index < 0))))
         return jnp.where(closer, size, best_size), jnp.where(closer, index, best_index)
 
-    nothing = jnp.full(hits.t.shape, jnp.inf, hits.t.dtype), jnp.full_like(hits.shape, NO_SHAPE)
+    sides = p.shape[1:]
+    nothing = jnp.full(sides, jnp.inf, p.dtype), jnp.full(sides, NO_SHAPE, hits.shape.dtype)
     hollow = [name for name, shape_type in SHAPE_TYPES.items() if not shape_type.has_inside]
     size, index = fold_shapes(shapes.types, ask, smaller, nothing, leave_out=hollow)
     return index, size

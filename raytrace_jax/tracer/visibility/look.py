@@ -37,7 +37,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time, least_distance
+from raytrace_jax.scene.scene import least_distance
+from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays, take
 from raytrace_jax.tracer.geometry.shape_types import Index, by_type, fold_shapes, is_curved, present_types
 from raytrace_jax.tracer.geometry.shapes import (
@@ -110,6 +111,7 @@ def find_two_nearest(
         shape = one_shape(shapes, index, rays.path_length.shape)
         found = shape_type.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
         seen = found.seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
+        seen = seen if shape.hidden is None else seen & ~shape.hidden
         return Nearest.of(jnp.where(seen, found.t, jnp.inf), index, found)
 
     def nearer(found: Nearest, other: Nearest) -> Bool[Array, " *rays"]:
