@@ -1,6 +1,7 @@
 """The check of the model: fixed numbers that the answer rests on, and causes of a residual that is not noise."""
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -39,6 +40,7 @@ def check_model(
     standard_error: Values,
     uncertain: Mapping[str, float],
     correlations: Mapping[tuple[str, str], float] | None = None,
+    check_clock: Callable[[], None] = lambda: None,
 ) -> ModelCheck:
     """Check the model at an unblurred optimum.
 
@@ -49,10 +51,11 @@ def check_model(
 
     Args:
         uncertain: standard deviation by canonical name of a fixed number.
+        check_clock: called before each few scenes are rendered; what it raises ends the check.
     """
     problem, y, linearization, stage = state.problem, state.y, state.linearization, state.stage
     # How the picture changes with the free parameters, the scene's fixed numbers, and the film's stated ones.
-    pixels = pixels_to_check(problem, y, stage, linearization)
+    pixels = dataclasses.replace(pixels_to_check(problem, y, stage, linearization), check_clock=check_clock)
     light = np.asarray(linearization.image if pixels.radiance is None else pixels.radiance, np.float64)
     light = light + np.asarray(problem.observation.bias, np.float64)
     numbers = fixed_numbers(problem, uncertain)
@@ -182,8 +185,9 @@ def find_causes(
 
     Several changes may explain it about as well. The best one is named, and the one that would move the estimate
     furthest counts in the error. Of a change of which the free parameters leave little the residual may seem to have
-    many times what can be: it counts as far as its reach, if that explains half as much, and else not. A change that no row shows by more than the `step` with which it was stored may be
-    storage as well, since equal colours are rounded alike over whole areas: it counts in the error and is no cause.
+    many times what can be: it counts as far as its reach, if that explains half as much, and else not. A change that no
+    row shows by more than the `step` with which it was stored may be storage as well, since equal colours are rounded
+    alike over whole areas: it counts in the error and is no cause.
 
     Returns:
         The causes, the best explanation first; and what they do to the estimate, as a covariance.
