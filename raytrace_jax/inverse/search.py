@@ -12,10 +12,11 @@ from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import blurred
 from raytrace_jax.inverse.candidates import groups, table
 from raytrace_jax.inverse.forward import develop_best
+from raytrace_jax.inverse.linearize import Linearization
 from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.solvers import levenberg_marquardt
-from raytrace_jax.inverse.steps import LocalMinimum, Recorder
+from raytrace_jax.inverse.steps import LocalMinimum, Recorder, hold
 from raytrace_jax.inverse.unknowns import Values, Vector
 from raytrace_jax.scene.response import FILM_EFFECTS
 from raytrace_jax.scene.scene import map_scenes
@@ -112,7 +113,12 @@ def descend(
             rejected=2,
         )
         recorder.begin(candidate, level, blur, leads=candidate == 0)
-        state = levenberg_marquardt(problem, state.y, stage, recorder.step, held_under(problem, state.y, blur))
+        held = held_under(problem, state.y, blur)
+
+        def linearize(y: Vector, stage: Stage = stage, held: Sequence[int] = held) -> Linearization:
+            return hold(problem.linearize(y, stage), held)
+
+        state = levenberg_marquardt(problem, state.y, stage, recorder.step, linearize)
         here = problem.values(state.y)
         if any(problem.scaled_distance(here, minimum.summary.value) < SAME_MINIMUM for minimum in known):
             return None

@@ -2,7 +2,7 @@
 
 import dataclasses
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
 import equinox as eqx
@@ -19,7 +19,6 @@ from raytrace_jax.inverse.steps import (
     Record,
     Step,
     clip,
-    hold,
     iterate,
     project_gradient,
     project_on_range,
@@ -62,22 +61,20 @@ def levenberg_marquardt(
     y: Vector,
     stage: Stage,
     record: Record = lambda *step: None,
-    held: Sequence[int] = (),
+    linearize: Callable[[Vector], Linearization] | None = None,
 ) -> FitState:
     """Minimise the sum of squares from `y`.
 
     A point whose cost or derivatives are not finite is never accepted: the solver shortens its step. If the start is
     such a point, no step is known, and the solve ends there without having come to rest.
-
-    Args:
-        held: places of unknowns that stay where they are.
     """
     limit = jnp.maximum(jnp.asarray(stage.relative, y.dtype), ROUNDINGS * jnp.finfo(y.dtype).eps)
     # `limit` is an array, not the float that the annotation says: a new tolerance must not compile anew.
     solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
 
     def at(y: Vector) -> FitState:
-        return FitState(problem, y, stage, hold(problem.linearize(y, stage), held))
+        linearization = problem.linearize(y, stage) if linearize is None else linearize(y)
+        return FitState(problem, y, stage, linearization)
 
     def model_of(seen: FitState) -> LinearModel:
         projected = project_gradient(seen.linearization, seen.y, problem.unknowns)

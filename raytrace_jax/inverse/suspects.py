@@ -326,10 +326,9 @@ class Suspects:
     def without(self, granted) -> "Suspects":
         """The suspects without some of the fixed numbers, which come first."""
         keep = np.concatenate([~granted, np.ones(len(self.causes) - len(granted), bool)])
-        causes, stated, reach = (
-            tuple(itertools.compress(part, keep)) for part in (self.causes, self.stated, self.reach)
-        )
-        return Suspects(causes, self.changes[keep], self.of_film, self.least_left[keep], stated, reach)
+        changes, least = self.changes[keep], self.least_left[keep]
+        causes, stated = tuple(itertools.compress(self.causes, keep)), tuple(itertools.compress(self.stated, keep))
+        return Suspects(causes, changes, self.of_film, least, stated, tuple(itertools.compress(self.reach, keep)))
 
 
 def film_rows(changes: list[FilmChange], pixels: SampledPicture) -> Float[np.ndarray, "changes rows"]:
