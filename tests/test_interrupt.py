@@ -11,6 +11,7 @@ from linear_fit import LinearModel, linear_names, linear_problem
 from scipy import ndimage
 
 from raytrace_jax import fit, write_report
+from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.report.fit_report.folder import TEXTS
 
 SIZE = (30, 40)
@@ -88,11 +89,40 @@ def test_stopped_in_a_level_it_has_the_last_step(calls):
 def test_stopped_after_the_whole_picture_it_keeps_the_solution(calls):
     result, seen = stopped_fit(calls, phase=lambda words: words.startswith("profile"), profiles=["a.center.x"])
     assert seen == [len(calls)]
-    assert result.status == "interrupted" and "without error bars" not in result.message
+    assert result.status == "interrupted" and "came to rest, but the model was not checked" in result.message
     np.testing.assert_allclose(result.value, TRUTH, atol=5e-3)
     assert np.all(result.standard_error > 0) and np.all(np.isfinite(result.uncertainty.correlation))
     np.testing.assert_allclose(result.pictures.estimate, result.pictures.target, atol=0.1)
     assert result.pictures.start.shape == result.pictures.estimate.shape and result.profiles == ()
+
+
+@pytest.mark.parametrize("by_clock", [True, False])
+def test_stopped_in_the_check_of_the_model_it_says_that_this_is_missing(by_clock, calls, monkeypatch):
+    """The time ends, or Ctrl-C comes, while the check renders; it renders nothing more."""
+    checking, rendered, points, stop = [], [], LinearModel.points, Recorder.check_clock
+
+    def end(recorder):
+        if rendered and not recorder.is_stopped:
+            raise TimeoutError if by_clock else KeyboardInterrupt
+        stop(recorder)
+
+    def phase(words):
+        checking.extend([words] if words == "checking the model" else [])
+        return False
+
+    def watched(scenes, *arguments):
+        rendered.extend(checking)
+        return points(scenes, *arguments)
+
+    monkeypatch.setattr(Recorder, "check_clock", end)
+    monkeypatch.setattr(LinearModel, "points", staticmethod(watched))
+    result, _ = stopped_fit(calls, phase=phase, max_seconds=100)
+    assert len(rendered) == 1, "and nothing after it"
+    reason = "stopped after 100 seconds" if by_clock else "interrupted by the user"
+    assert result.status == "interrupted"
+    assert result.message.startswith(f"{reason}; the solver came to rest, but the model was not checked")
+    np.testing.assert_allclose(result.value, TRUTH, atol=5e-3)
+    assert np.all(result.standard_error > 0) and not result.check.causes
 
 
 @pytest.fixture

@@ -27,6 +27,7 @@ from raytrace_jax.inverse.suspects import Rows, Suspects, fitted, suspected_chan
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 
 FREE = 2
+ANYWHERE = -np.inf, np.inf
 C = linear_names(3)[2]
 ROWS = COLUMNS[:FREE].reshape(FREE, -1).T
 
@@ -77,12 +78,64 @@ def test_a_change_that_no_pixel_shows_by_more_than_a_step_is_an_error_and_no_cau
     amount = steps * step / np.max(np.abs(change))
     residual = amount * change[0] + 0.2 * white().reshape(-1) * amount
     rows = Rows(residual, residual, np.ones_like(residual), np.arange(residual.size) // 48)
-    suspects = Suspects((Cause(C, "", 1.0, "", 1.0, 0.0),), change, (), np.array([1e-6]), ((0.0, None),))
+    suspects = Suspects((Cause(C, "", 1.0, "", 1.0, 0.0),), change, (), np.array([1e-6]), ((0.0, None),), (ANYWHERE,))
     limit = np.full(residual.shape, step)
     causes, structure = find_causes(rows, ROWS.T, ROWS.T, suspects, np.ones(FREE), limit)
     assert [cause.name for cause in causes] == [C] * is_named
     shift = np.linalg.lstsq(ROWS, amount * change[0], rcond=None)[0]
     np.testing.assert_allclose(structure, np.outer(shift, shift), rtol=0.02)
+
+
+def of_two(changed, seed):
+    """A residual by one of two changes: a number apart from the free ones, and one that they nearly make up for.
+
+    The second leaves little, and that is like the first. Each may be off by a tenth before it is no longer linear.
+
+    Returns:
+        The names of the causes; the error that the change makes; and how much counts in the error.
+    """
+    random = np.random.default_rng([seed, 4])
+    free, (apart, other) = random.normal(size=(2, 640)), random.normal(size=(2, 640))
+    left = 10 ** random.uniform(-2.5, -1)
+    changes = np.stack([apart, random.normal(size=2) @ free + left * (apart + 0.5 * other)])
+    amount = random.uniform(0.02, 0.08) * random.choice([-1, 1])
+    noise = 0.2 * amount * (left if changed else 1) * random.normal(size=640)
+    target = amount * changes[changed] + noise
+    estimate = np.linalg.lstsq(free.T, target, rcond=None)[0]
+    rows = Rows(*[estimate @ free - target] * 2, np.ones(640), np.arange(640) // 16)
+    causes = tuple(Cause(name, "", 1.0, "", 1.0, 0.0) for name in ("apart", "alike"))
+    suspects = Suspects(causes, changes, (), np.full(2, 1e-6), ((1.0, None),) * 2, ((-0.1, 0.1),) * 2)
+    found, structure = find_causes(rows, free, free, suspects, np.ones(2), np.zeros(640))
+    return [cause.name for cause in found], np.linalg.norm(estimate), np.sqrt(np.trace(structure))
+
+
+@pytest.mark.parametrize("changed", [0, 1])
+def test_what_cannot_be_does_not_swamp_the_error_and_what_can_be_is_in_it(changed):
+    """Up to no end the second would make the errors 2600 times as large (median) where the first has changed."""
+    names, error, counted = zip(*(of_two(changed, seed) for seed in range(40)), strict=True)
+    assert sum(one[0] == ("apart", "alike")[changed] for one in names) >= 38
+    ratio = np.array(counted) / error
+    assert 0.9 < np.median(ratio) < 1.3 and np.min(ratio) > 0.6
+    assert np.quantile(ratio, 0.95) < 5
+
+
+def test_a_gamma_that_cannot_be_is_no_error():
+    """One that a free number nearly makes up for, and of whose rest the residual has three times as much."""
+    light = np.clip(picture(TRUTH), 0.05, None)
+    pattern = 0.02 * ndimage.gaussian_filter(np.random.default_rng([0, 5]).normal(size=light.shape), (0, 2, 2)) / 0.14
+    still = linear_problem(COLUMNS, light, free=FREE, start=TRUTH)
+    (gamma,) = [one for one in suspected_changes(still, still.start(), light) if one.name == "film.gamma"]
+    columns = np.stack([gamma.change - pattern, COLUMNS[1], light])
+    columns[2] -= TRUTH[0] * columns[0] + TRUTH[1] * columns[1]
+    columns[2] /= TRUTH[2]
+    target = light - 3 * pattern + 0.1 * white()
+    rows = columns[:FREE].reshape(FREE, -1).T
+    values = TRUTH[:FREE] + np.linalg.lstsq(rows, (target - light).reshape(-1), rcond=None)[0]
+    problem = linear_problem(columns, target, free=FREE, start=TRUTH)
+    found = check_model(state_at(problem, problem.array(values)), np.full(FREE, 1e-4), {})
+    (of_gamma,) = [cause for cause in found.causes if cause.name == "film.gamma"]
+    assert of_gamma.amount < -2 and of_gamma.advice.endswith("film.gamma must be greater than 0")
+    assert np.sqrt(found.structure[0, 0]) < 0.1, "instead of 2.8"
 
 
 @pytest.mark.fast_cases(3)

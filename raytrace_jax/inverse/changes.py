@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from raytrace_jax.inverse.noise import square_sums
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.unknowns import Image, Mask, Vector
-from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import pixel_step
 from raytrace_jax.tracer.pixels import sample_offsets
@@ -110,6 +110,7 @@ class SampledPicture:
 
     Args:
         offset: where in each pixel it is looked at, in pixels to the right and down from its point.
+        check_clock: called before each few scenes; what it raises ends the work.
     """
 
     problem: Problem
@@ -117,6 +118,7 @@ class SampledPicture:
     sample: PixelSample
     edges: EdgeMode
     offset: tuple[float, float] = (0.0, 0.0)
+    check_clock: Callable[[], None] = lambda: None
 
     @functools.cached_property
     def radiance(self) -> Image | None:
@@ -162,7 +164,13 @@ class SampledPicture:
 
     def render(self, scenes: Scene) -> Float[np.ndarray, "scenes 3 pixels"]:
         """Render the pixels of several scenes, before the film."""
-        return self.problem.model.points(scenes, *self._where).astype(np.float64)
+        # Some at a time, for the clock: eight of 20,000 edge-aware pixels take some seconds.
+        found, at_once = [], max(1, 160_000 // max(len(self.sample.row), 1))
+        for first in range(0, len(scenes.camera.viewpoint), at_once):
+            self.check_clock()
+            some = map_scenes(lambda x, first=first: np.asarray(x)[first : first + at_once], scenes)
+            found.append(self.problem.model.points(some, *self._where).astype(np.float64))
+        return np.concatenate(found)
 
     def derivative(self, change, step: Float[np.ndarray, " changes"], size: Float[np.ndarray, " changes"]):
         """Convert differences of pictures to derivatives of the weighted residual; 0 where a pixel jumped or is NaN.

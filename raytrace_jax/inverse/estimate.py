@@ -135,8 +135,8 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
         recorder.found(profiles=(*recorder.findings.profiles, profile))
     recorder.phase("checking the model")
     try:
-        check = check_model(solution, uncertainty.standard_error, setup.uncertain, options.correlations)
-        recorder.found(check=check)
+        error, clock = uncertainty.standard_error, recorder.check_clock
+        recorder.found(check=check_model(solution, error, setup.uncertain, options.correlations, clock))
     except np.linalg.LinAlgError as reason:  # LAPACK cannot factorise a matrix: the fit has its answer all the same.
         warnings.warn(f"the model could not be checked: {reason}.", stacklevel=2)
 

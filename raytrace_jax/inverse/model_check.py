@@ -1,6 +1,7 @@
 """The check of the model: fixed numbers that the answer rests on, and causes of a residual that is not noise."""
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -39,6 +40,7 @@ def check_model(
     standard_error: Values,
     uncertain: Mapping[str, float],
     correlations: Mapping[tuple[str, str], float] | None = None,
+    check_clock: Callable[[], None] = lambda: None,
 ) -> ModelCheck:
     """Check the model at an unblurred optimum.
 
@@ -49,10 +51,11 @@ def check_model(
 
     Args:
         uncertain: standard deviation by canonical name of a fixed number.
+        check_clock: called before each few scenes are rendered; what it raises ends the check.
     """
     problem, y, linearization, stage = state.problem, state.y, state.linearization, state.stage
     # How the picture changes with the free parameters, the scene's fixed numbers, and the film's stated ones.
-    pixels = pixels_to_check(problem, y, stage, linearization)
+    pixels = dataclasses.replace(pixels_to_check(problem, y, stage, linearization), check_clock=check_clock)
     light = np.asarray(linearization.image if pixels.radiance is None else pixels.radiance, np.float64)
     light = light + np.asarray(problem.observation.bias, np.float64)
     numbers = fixed_numbers(problem, uncertain)
@@ -183,8 +186,10 @@ def find_causes(
     """The causes of a residual: one after the other, each beside those before.
 
     Several changes may explain it about as well. The best one is named, and the one that would move the estimate
-    furthest counts in the error. A change that no row shows by more than the `step` with which it was stored may be
-    storage as well, since equal colours are rounded alike over whole areas: it counts in the error and is no cause.
+    furthest counts in the error. Of a change of which the free parameters leave little the residual may seem to have
+    many times what can be: it counts as far as its reach, if that explains half as much, and else not. A change that no
+    row shows by more than the `step` with which it was stored may be storage as well, since equal colours are rounded
+    alike over whole areas: it counts in the error and is no cause.
 
     Returns:
         The causes, the best explanation first; and what they do to the estimate, as a covariance.
@@ -195,21 +200,25 @@ def find_causes(
         tests = score_changes(rows, granted, suspects.changes, suspects.least_left)
         # Where one cause was found something is wrong, and chance is no rival of a further one.
         gain = np.where(np.abs(tests.score) > (3.5 if found else SIGNIFICANT), tests.gain, 0.0)
-        if not gain.any():
-            break
-        # The residual is the picture minus the target: the target has that much less of the change. A value that cannot
-        # be is named only if no possible one explains about as much.
-        are_possible = [suspects.is_possible(place, -float(amount)) for place, amount in enumerate(tests.amount)]
-        possible = np.where(are_possible, gain, 0.0)
-        gain = possible if np.max(possible) > 0.5 * np.max(gain) else gain
+        # The residual is the picture minus the target: the target has that much less of the change. Of an amount beyond
+        # its reach the part s within it explains 1 - (1 - s)^2 of what all of it would.
+        amount = -suspects.within_reach(-tests.amount)
+        share = np.divide(amount, tests.amount, out=np.ones_like(amount), where=amount != tests.amount)
+        part = share * (2 - share)
+        within = np.where(part > 0.5, gain * part, 0.0)
+        # A value that cannot be is named only if no possible one explains about as much, and what is far beyond its
+        # reach only if nothing else explains anything.
+        are_possible = [suspects.is_possible(place, -float(found)) for place, found in enumerate(tests.amount)]
+        possible = np.where(are_possible, within, 0.0)
+        is_told = np.max(possible) > 0.5 * np.max(within)
+        gain = possible if is_told else within if within.any() else gain
         # Where several do exactly the same the first is taken: a number of the scene before what a camera does.
         best = int(np.flatnonzero(gain >= (1 - 1e-6) * np.max(gain))[0])
         if np.any(np.abs(tests.amount[best] * suspects.changes[best]) > step):
             found.append(suspects.cause(best, -float(tests.amount[best]), abs(float(tests.score[best]))))
         # The error takes the worst of the rivals, as nothing tells them apart.
-        shifts = sensitivity * tests.amount
-        rival = gain > 0.5 * gain[best]
+        shifts, rival = sensitivity * amount, (gain > 0.5 * gain[best]) & (within > 0)
         furthest = int(np.argmax(np.where(rival, largest_shift(shifts, standard_error), -1.0)))
-        structure += np.outer(shifts[:, furthest], shifts[:, furthest])
+        structure += rival[furthest] * np.outer(shifts[:, furthest], shifts[:, furthest])
         granted = np.concatenate([granted, suspects.changes[best : best + 1]])
     return tuple(found), structure

@@ -3,14 +3,13 @@
 import dataclasses
 import itertools
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.result import PROFILE_95, Profile
 from raytrace_jax.inverse.solvers import levenberg_marquardt
-from raytrace_jax.inverse.steps import Recorder
+from raytrace_jax.inverse.steps import Recorder, hold
 from raytrace_jax.inverse.uncertainty import LARGEST_ERROR, Uncertainty
 from raytrace_jax.inverse.unknowns import Values, Vector
 from raytrace_jax.util.numerics import TINY
@@ -60,17 +59,12 @@ def find_profile(
 
 
 def solve_held(solution: FitState, guess: Values, place: int, max_steps: int) -> tuple[Vector, float]:
-    """Unknowns and cost with one parameter held: the solver sees no derivative along it, and leaves it where it is."""
+    """Unknowns and cost with one parameter held."""
     problem = solution.problem
-
-    def linearize_held(y):
-        linearization = problem.linearize(y, solution.stage)
-        return eqx.tree_at(lambda tree: tree.jacobian, linearization, linearization.jacobian.at[:, place].set(0))
-
     start = problem.array(problem.unknowns.unknowns(guess))
     # Chi-square is about the number of residuals, a million at 640 x 480 pixels, of which a decrease of 1e-10 is 1e-4.
     stage = dataclasses.replace(solution.stage, max_steps=max_steps, relative=1e-7, decrease=1e-10, rejected=3)
-    state = levenberg_marquardt(problem, start, stage, linearize=linearize_held)
+    state = levenberg_marquardt(problem, start, stage, linearize=lambda y: hold(problem.linearize(y, stage), [place]))
     return state.y, state.linearization.cost
 
 

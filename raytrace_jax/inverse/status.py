@@ -128,9 +128,22 @@ def fit_status(
     )
 
 
-def interrupted_status(stopped: str, is_known: bool, has_moved: bool) -> tuple[Status, str, str]:
-    """The status of a fit that was stopped, why, and what to do."""
+def interrupted_status(
+    stopped: str, is_known: bool, has_moved: bool, is_solved: bool = False, settled: bool = False
+) -> tuple[Status, str, str]:
+    """The status of a fit that was stopped, why, and what to do.
+
+    Args:
+        is_solved: whether all was solved to the end: only profiles and the check of the model are missing.
+    """
     way = "run it again with more time (--max-seconds)"
+    if is_solved:
+        return (
+            "interrupted",
+            f"{stopped}; {'the solver came to rest' if settled else 'the solver was still moving'}, but the model was "
+            "not checked: the errors are those of the noise, as if nothing in the target differed from the scene",
+            f"{way}, or look at the residual",
+        )
     if not has_moved:
         return "interrupted", f"{stopped}, before the first step: nothing was fitted", way
     values = "the values are those of the last accepted step" + ("" if is_known else ", without error bars")
@@ -209,16 +222,18 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
 
     # The word for it.
     at_bound = bounds_reached(y, problem.unknowns)
+    settled = solution is not None and solution.settled
     if stopped is not None:
         has_moved = any(step.step > 0 and step.accepted for step in recorder.history)
         is_known = not np.all(np.isnan(uncertainty.standard_error))
-        status, message, advice = interrupted_status(stopped, is_known, has_moved)
+        is_solved = is_known and findings.uncertainty is not None
+        status, message, advice = interrupted_status(stopped, is_known, has_moved, is_solved, settled)
     else:
         assert solution is not None
         residual, counts = solution.residual, solution.counts
         explained = is_near(residual, solution.weighted_target, counts)
         status, message, advice = fit_status(
-            settled=solution.settled,
+            settled=settled,
             explained=explained,
             finite=solution.linearization.is_finite,
             check=check,

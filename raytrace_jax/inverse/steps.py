@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
 import jax.numpy as jnp
@@ -59,6 +59,15 @@ def project_gradient(linearization: Linearization, y: Vector, unknowns: Unknowns
     triangle = np.asarray(linearization.jacobian)
     downhill = -triangle.T @ np.asarray(linearization.residual)
     return dataclasses.replace(linearization, jacobian=jnp.asarray(np.where(side * downhill > 0, 0, triangle)))
+
+
+def hold(linearization: Linearization, places: Sequence[int]) -> Linearization:
+    """A linearisation that holds some unknowns: a solver sees no derivative along them, and leaves them there."""
+    if not places:
+        return linearization
+    triangle = np.array(linearization.jacobian)
+    triangle[:, list(places)] = 0
+    return dataclasses.replace(linearization, jacobian=jnp.asarray(triangle))
 
 
 def project_on_range(linearization: Linearization) -> Float[np.ndarray, " directions"]:

@@ -1,6 +1,7 @@
 """Changes that a residual may contain: by each number that was taken for granted, or by the film."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Container, Iterator, Mapping
 from typing import NamedTuple
@@ -18,11 +19,16 @@ from raytrace_jax.inverse.unknowns import Image, Vector
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.scene.response import FILM, FILM_EFFECTS, FilmEffect, develop_compiled, neutral_response, without_idle
 from raytrace_jax.scene.scene import CameraResponse
-from raytrace_jax.scene.schema import Limit
+from raytrace_jax.scene.schema import Attribute, Range
 from raytrace_jax.util.numerics import TINY, solve_normal
 
 LEAST_LEFT = 1e-6
 """The least fraction of a change that the free parameters must leave; with less it cannot be told from theirs."""
+
+LINEAR_PART, LINEAR_PART_OF_LIGHT = 0.1, 0.5
+"""Fractions of its size by which a number of the scene, and a colour or a gamma, may be off if the picture is to change
+in proportion. Most move edges across pixels, where a solver's step ends at a tenth too; the latter only change light.
+"""
 
 
 class Rows(NamedTuple):
@@ -148,6 +154,21 @@ class FilmChange(NamedTuple):
         # The target is sharper than a picture without blur: by as much as a blur would take away.
         return math.copysign(math.sqrt(abs(square)), square) - self.value
 
+    @property
+    def reach(self) -> Range:
+        """The least and the largest amount, as one is found."""
+        # A sharper target is one more blur cannot give, but a camera can: its square goes on below 0.
+        if self.effect.is_squared:
+            return -math.inf, math.inf
+        is_linear = self.effect.is_linear or self.effect.unit != "%"
+        return reach_of(self.effect.attribute, self.value, math.inf if is_linear else LINEAR_PART_OF_LIGHT * self.value)
+
+
+def reach_of(attribute: Attribute, value: float, linear: float) -> Range:
+    """The least and the largest change of a number that stays where a fit keeps it, and is no larger than `linear`."""
+    least, most = attribute.quantity.range_at(value)
+    return max(least - value, -linear), min(most - value, linear)
+
 
 def suspected_changes(problem: Problem, y: Vector, light: Image, uncertain: Container[str] = ()) -> list[FilmChange]:
     """The changes by each of the film's numbers, and by all channels together, that may explain a residual.
@@ -232,14 +253,17 @@ class Suspects:
         causes: one for each suspect, with an amount of 1.
         of_film: the suspects of the film, which come last.
         least_left: fraction of each change that the free parameters must leave, or it tells nothing.
-        stated: each number's value in the scene, and its limit.
+        stated: each number's value in the scene, and its attribute.
+        reach: the least and the largest amount of each up to which its number can be what it says, and its change is in
+            proportion.
     """
 
     causes: tuple[Cause, ...]
     changes: Float[np.ndarray, "suspects rows"]
     of_film: tuple[FilmChange, ...]
     least_left: Float[np.ndarray, " suspects"]
-    stated: tuple[tuple[float, Limit | None], ...]
+    stated: tuple[tuple[float, Attribute | None], ...]
+    reach: tuple[Range, ...]
 
     @classmethod
     def of(cls, of_film: list[FilmChange], pixels: SampledPicture, numbers: FixedNumbers, by_number) -> "Suspects":
@@ -260,12 +284,16 @@ class Suspects:
             # checker, 160 x 120, leaves 3e-4 beside it where nothing is left.
             least[: len(numbers.parameters)][[p.is_color for p in numbers.parameters]] = 1e-3
         # The numbers that are traced come first, then those of the film that are stated, which are no suspects.
-        limits = [parameter.attribute.limit for parameter in numbers.parameters]
-        limits += [None] * (len(numbers.names) - len(limits)) + [change.effect.attribute.limit for change in of_film]
+        attributes = [parameter.attribute for parameter in numbers.parameters]
+        attributes += [None] * (len(numbers.names) - len(attributes)) + [change.effect.attribute for change in of_film]
         values = [*numbers.value, *(change.value for change in of_film)]
-        stated = tuple(zip(map(float, values), limits, strict=True))
+        stated = tuple(zip(map(float, values), attributes, strict=True))
+        reach = [(-math.inf, math.inf)] * len(numbers.names) + [change.reach for change in of_film]
+        for k, parameter in enumerate(numbers.parameters):
+            linear = (LINEAR_PART_OF_LIGHT if parameter.is_color else LINEAR_PART) * float(numbers.size[k])
+            reach[k] = reach_of(parameter.attribute, stated[k][0], linear or math.inf)
         changes = np.concatenate([by_number, film_rows(of_film, pixels)])
-        return cls(tuple(causes), changes, tuple(of_film), least, stated)
+        return cls(tuple(causes), changes, tuple(of_film), least, stated, tuple(reach))
 
     def amount(self, place: int, found: float) -> float:
         """The amount by which the target exceeds the scene, for one that was found."""
@@ -274,24 +302,33 @@ class Suspects:
 
     def is_possible(self, place: int, found: float) -> bool:
         """Whether the number at a place can have the value that a found amount gives it."""
-        value, limit = self.stated[place]
-        return limit is None or limit.holds(np.array(value + self.amount(place, found)))
+        value, attribute = self.stated[place]
+        if attribute is None:
+            return True
+        there, (least, most) = value + self.amount(place, found), attribute.quantity.range_at(value)
+        return least <= there <= most and (attribute.limit is None or attribute.limit.holds(np.array(there)))
+
+    def within_reach(self, found: Float[np.ndarray, " suspects"]) -> Float[np.ndarray, " suspects"]:
+        """The found amounts, each of which is moved to the end of its reach where it lies beyond."""
+        least, most = np.reshape(self.reach, (-1, 2)).T
+        return np.clip(found, least, most)
 
     def cause(self, place: int, found: float, score: float) -> Cause:
         """The cause at a place with its amount and score; for a value that cannot be, the advice is another one."""
         cause = self.causes[place]._replace(amount=self.amount(place, found), score=score)
         if self.is_possible(place, found):
             return cause
-        limit = self.stated[place][1]
-        assert limit is not None
-        return cause._replace(advice=f"look at the residual, for {cause.name} must be {limit.wanted}")
+        attribute = self.stated[place][1]
+        limit = attribute and attribute.limit
+        wanted = f"must be {limit.wanted}" if limit else "cannot change so much"
+        return cause._replace(advice=f"look at the residual, for {cause.name} {wanted}")
 
     def without(self, granted) -> "Suspects":
         """The suspects without some of the fixed numbers, which come first."""
         keep = np.concatenate([~granted, np.ones(len(self.causes) - len(granted), bool)])
-        causes = tuple(cause for cause, kept in zip(self.causes, keep, strict=True) if kept)
-        stated = tuple(one for one, kept in zip(self.stated, keep, strict=True) if kept)
-        return Suspects(causes, self.changes[keep], self.of_film, self.least_left[keep], stated)
+        changes, least = self.changes[keep], self.least_left[keep]
+        causes, stated = tuple(itertools.compress(self.causes, keep)), tuple(itertools.compress(self.stated, keep))
+        return Suspects(causes, changes, self.of_film, least, stated, tuple(itertools.compress(self.reach, keep)))
 
 
 def film_rows(changes: list[FilmChange], pixels: SampledPicture) -> Float[np.ndarray, "changes rows"]:
