@@ -68,6 +68,20 @@ def test_keywords_and_options_are_the_same_fit_and_a_keyword_goes_first():
         linear_fit(serach=False)
 
 
+@pytest.mark.parametrize("spread", [10.0, 1.0, 0.3])
+@pytest.mark.parametrize(("off", "is_told"), [(1.0, False), (-2.0, False), (6.0, True), (-40.0, True)])
+@pytest.mark.parametrize("sigma", [None, 0.02])
+def test_a_prior_that_the_picture_contradicts_is_named(spread, off, is_told, sigma):
+    """It is so many errors of the difference off, whether the picture or the prior is surer."""
+    options = {"edges": "point", "target_sampling": "point", "search": False, "sigma": sigma}
+    value, error, _ = linear_fit(**options)["a.center.x"]
+    mean = value - off * error * np.hypot(spread, 1)
+    result = linear_fit(**options, priors={"a.center.x": (mean, spread * error)})
+    assert result.status == ("model_incomplete" if is_told else "converged"), result.message
+    assert result.message.startswith("the picture contradicts what was stated of a.center.x: ") == is_told
+    assert ("measure a.center.x again" in result.advice) == is_told
+
+
 def test_the_answer_by_name_has_value_error_and_unit():
     result = linear_fit(edges="point", target_sampling="point", search=False, fit_exposure=True)
     assert list(result.parameters) == ["a.center.x", "b.center.x", "film.gain.r", "film.offset.r"]

@@ -15,7 +15,7 @@ from test_png import png_bytes
 from raytrace_jax import PictureError
 from raytrace_jax.images.transfer import DECODERS
 from raytrace_jax.photo.board_pattern import Pattern
-from raytrace_jax.photo.bundle import Corners
+from raytrace_jax.photo.bundle import Corners, Known
 from raytrace_jax.photo.lens import LensPrior, write_lens
 from raytrace_jax.photo.locate import NotLocated, Taken, Together
 from raytrace_jax.photo.outline import Disc
@@ -107,14 +107,15 @@ def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, 
     assert "--radius has" not in warned
 
 
-def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatch, capsys):
+def corners_say(monkeypatch, known):
+    """Corners that say half more than its place of each number, and what the sheets are drawn with."""
     located = SimpleNamespace(numbers=np.arange(16) + 0.5, covariance=0.012**2 * np.eye(16))
-    adjusted = SimpleNamespace(covariance=located.covariance, known=np.zeros((0, 16)))
+    adjusted = SimpleNamespace(joint=located.numbers, covariance=located.covariance, known=known)
     together = Together({0: located}, {}, {}, {}, adjusted)  # pyright: ignore
     drawn = []
 
-    def sheet(_, __, ___, long):
-        drawn.append(long)
+    def sheet(_, __, ___, long, otherwise):
+        drawn.append((long, [one.name for one in otherwise]))
         return Figure()
 
     def too_dark(*_):
@@ -127,6 +128,11 @@ def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatc
         "draw_photo_sheet": sheet,
     }.items():
         monkeypatch.setattr(f"raytrace_jax.cli.actions.photo.{name}", stand_in)
+    return drawn
+
+
+def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatch, capsys):
+    drawn = corners_say(monkeypatch, Known(np.zeros(16), np.zeros((0, 16))))
     assert run(*BALL) == 0
     captured = capsys.readouterr()
     rows = [line.split("  ") for line in captured.out.splitlines()]
@@ -140,9 +146,23 @@ def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatc
     assert "the ball at other places: four times as many would leave 0.006." in captured.out
     assert "It is too dark. There is no scene for a fit." in captured.err
     assert run(*BALL, "--long") == 0
-    assert "11.500 +- 0.012" in capsys.readouterr().out and drawn == [False, True]
+    assert "11.500 +- 0.012" in capsys.readouterr().out and drawn == [(False, []), (True, [])]
     assert run(*BALL, "--fit") == 1
     assert "error: It is too dark." in capsys.readouterr().err
+
+
+def test_what_was_stated_and_comes_out_otherwise_is_told_first(folder, monkeypatch, capsys):
+    mean, root = np.full(16, 6.5), np.zeros((2, 16))
+    mean[15], root[0, 6], root[1, 15] = 15.9, 50, 1 / 0.02  # The angle of view is 6.5, and the radius 15.5.
+    drawn = corners_say(monkeypatch, Known(mean, root))
+    assert run(*BALL) == 3
+    captured = capsys.readouterr()
+    words = (
+        "the photograph contradicts what was taken as known of radius: 15.500(12), stated 15.9+-0.02 (25 times as far"
+    )
+    message = " ".join(captured.err.split())
+    assert words in message and "measure ball and ruler again" in message and "calibrate" not in message
+    assert drawn == [(False, ["radius"])] and "15.500(12)" in captured.out
 
 
 def seen_by_locate(monkeypatch):

@@ -17,7 +17,7 @@ from raytrace_jax.photo.bundle import OWN, Corners, PhotoView, adjust
 from raytrace_jax.photo.cameras import COUNT, LENS
 from raytrace_jax.photo.find_camera import known_before, step_scales
 from raytrace_jax.photo.lens import LensPrior, Turn
-from raytrace_jax.photo.opinions import budget
+from raytrace_jax.photo.opinions import budget, contradictions
 from raytrace_jax.photo.sight import Sight
 
 SIZE, INDEX, RADIUS = (640, 480), 1.5, 20.0
@@ -102,6 +102,21 @@ def test_the_same_picture_twice_leaves_what_the_radius_does_and_the_budget_adds_
     assert "measure ball and ruler" in once._replace(without_radius=1e-9).advice
 
 
+@pytest.mark.parametrize(
+    ("off", "count", "name"),
+    [((0, 0), 1, None), ((-10, 0), 1, "radius"), ((0, 20), 1, "fov"), ((0, 0), 2, None), ((40, 0), 2, "radius")],
+)
+def test_what_was_known_and_comes_out_otherwise_is_named(off, count, name):
+    """The radius and the angle of view are stated so many of their errors off."""
+    lens = KNOWN_LENS._replace(mean=TRUE_LENS + np.array([off[1] * 0.02, 0, 0, 0, 0]))
+    known = known_before(lens, (RADIUS * (1 + 5e-4 * off[0]), RADIUS * 5e-4))
+    adjusted = adjust([view_of(PLACES[k], seed=k) for k in range(count)], known)
+    found = contradictions(adjusted)
+    assert [one.name for one in found[:1]] == ([name] if name else [])
+    if off[0] and count == 1:  # A single photograph hardly tells the radius, and moves it by less than its error.
+        assert abs(found[0].found[0] - found[0].stated[0]) < 3 * found[0].stated[1]
+
+
 def drawn(board, numbers, seed, ball=True):
     """The light of the board as a camera sees it, with a ball or without."""
     row, column = np.mgrid[: SIZE[1], : SIZE[0]]
@@ -154,6 +169,7 @@ def test_a_folder_of_photographs_is_one_command(tmp_path, monkeypatch, capsys):
     assert len(told["names"]) == len(set(told["names"])) == len(told["covariance"]) == 16 + 3 * 9
     assert "there is no ball before the board" in told["photographs"]["photos/d.png"]["no_ball"]
     assert "8 markers" in told["photographs"]["photos/grey.png"]["refused"]
+    assert told["contradicted"] == []
     parts = told["budget"]
     whole = np.linalg.norm([parts[name] for name in ("radius", "corners", "lens")])
     assert whole == pytest.approx(told["parameters"]["index"]["error"], rel=1e-6)

@@ -9,10 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from raytrace_jax.inverse.assumptions import Assumption, Cause, ModelCheck, dependences
+from raytrace_jax.inverse.assumptions import Assumption, Cause, Contradiction, ModelCheck, dependences
 from raytrace_jax.inverse.noise import PairScores, is_explained, vuong_evidence
 from raytrace_jax.inverse.result import Minimum, Profile
-from raytrace_jax.inverse.status import bounds_in_words, chi_square_excess, fit_status, profiles_in_words
+from raytrace_jax.inverse.status import (
+    bounds_in_words,
+    chi_square_excess,
+    contradicted_status,
+    fit_status,
+    profiles_in_words,
+)
 from raytrace_jax.inverse.uncertainty import Uncertainty
 
 HEIGHT, WIDTH = 60, 80
@@ -252,6 +258,37 @@ def test_of_several_reasons_the_first_is_said(first):
     for reason in reasons:
         arguments = {**arguments, **BAD[reason]}
     assert reasons[0] in " ".join(fit_status(**arguments)[:2])
+
+
+@pytest.mark.parametrize("share", [0.02, 0.5, 3.0])
+@pytest.mark.parametrize("understated", [1.0, 2.0])
+def test_by_chance_an_estimate_is_as_far_from_what_was_stated_as_a_normal_number_says(share, understated):
+    """A measurement of error 1 joined with one that is `share` as sure, whose error may be larger than was believed."""
+    random, least = np.random.default_rng(0), 1 / (1 + share)
+    pull = share * least
+    error = np.sqrt(least**2 + pull**2 * understated**2 / share)
+    far = []
+    for before, after in zip(random.normal(size=4000), random.normal(size=4000) / np.sqrt(share), strict=True):
+        found = (1 - pull) * before + pull * understated * after
+        excess = 2 * (error**2 - least)
+        # What is true is 0: what was stated is off by `before`.
+        far.append(Contradiction.of("x", (found, error), (before, 1.0), excess).deviations)
+    assert np.sqrt(np.mean(np.square(far))) == pytest.approx(1, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("status", "wanted"),
+    [("converged", "model_incomplete"), ("ambiguous", "model_incomplete"), ("model_incomplete", "model_incomplete"),
+     ("not_converged", "not_converged"), ("degenerate", "degenerate")],
+)  # fmt: skip
+def test_what_contradicts_a_prior_is_said_first_and_is_not_converged(status, wanted):
+    found = Contradiction.of("eye.viewpoint.z", (5.012, 1e-4), (5.0, 0.002))
+    word, message, advice = contradicted_status([found], status, "what was said", "what to do")
+    assert word == wanted and advice.startswith("measure eye.viewpoint.z again")
+    assert message.startswith(
+        "the picture contradicts what was stated of eye.viewpoint.z: 5.01200(10), stated 5+-0.002 (6 times as far as by"
+    )
+    assert ("what was said" in message) == ("what to do" in advice) == (status != "converged")
 
 
 def test_where_the_picture_is_not_explained_it_is_not_asked_what_it_determines():

@@ -3,9 +3,9 @@
     python experiments/calibration/calibration.py run [KIND ...] [--fits 40] [--film] [--results FILE]
     python experiments/calibration/calibration.py table [--results FILE] [--histogram PNG]
 
-The pictures are those of `experiments/physical/independent.py`, a renderer that shares no code with the package: a glass
-ball before a board, 96 x 72. Each truth is drawn from its number, so that a run goes on where it stopped: each fit adds
-a line to the results at once, and one that is there is not done again.
+The pictures are those of `experiments/physical/independent.py`, a renderer that shares no code with the package: a
+glass ball before a board, 96 x 72. Each truth is drawn from its number, so that a run goes on where it stopped: each
+fit adds a line to the results at once, and one that is there is not done again.
 """
 
 import argparse

@@ -1,18 +1,27 @@
 """The numbers that an answer takes for granted, causes of its residual, and the errors that follow from both."""
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.inverse.noise import PairScores
+from raytrace_jax.util.digits import with_error
 from raytrace_jax.util.text import listed
 
 FAR_SIGNIFICANT = 3.0
 """Score above which correlation of distant pixels is structure, not noise. Noise alone reached 2.2 at most in the draws
 for `model_check.SIGNIFICANT`."""
+
+BEYOND_CHANCE = 3.0
+"""How many times as far as chance moves an estimate from what was stated is a contradiction."""
+
+LEAST_CHANCE = 0.1
+"""Chance moves an estimate from what was stated by this share of its standard deviation at least: a picture that says
+next to nothing does not contradict, and a solver rests somewhere near."""
 
 WHAT_IF = 1e-3
 """Fraction of its size by which a number is taken to be off, in the sentence on what the answer rests on."""
@@ -33,6 +42,53 @@ class Assumption(NamedTuple):
     uncertainty: float
     sensitivity: Float[np.ndarray, " parameters"]
     unit: str = ""
+
+
+class Contradiction(NamedTuple):
+    """A number that was stated and comes out otherwise.
+
+    Args:
+        found: the estimate and its standard deviation.
+        stated: mean and standard deviation before.
+        deviations: how far they are apart, in standard deviations of their difference. That is less than the one of
+            what was stated, on which the estimate rests as well.
+    """
+
+    name: str
+    found: tuple[float, float]
+    stated: tuple[float, float]
+    deviations: float
+
+    @classmethod
+    def of(
+        cls, name: str, found: tuple[float, float], stated: tuple[float, float], excess: float = 0.0
+    ) -> "Contradiction":
+        """Compare an estimate with what was stated.
+
+        Of least squares the difference has the variance before less that after: what was stated pulls the estimate the
+        less, the more the picture says.
+
+        Args:
+            excess: variance of the difference beyond this.
+        """
+        apart = abs(found[0] - stated[0])
+        variance = max(stated[1] ** 2 - found[1] ** 2 + excess, (LEAST_CHANCE * stated[1]) ** 2)
+        return cls(name, found, stated, apart / math.sqrt(variance))
+
+    @property
+    def words(self) -> str:
+        """`ball.radius: 2.0312(4), stated 2+-0.005 (6.2 times as far as by chance)`."""
+        mean, spread = self.stated
+        far = short_count(self.deviations)
+        return (
+            f"{self.name}: {with_error(*self.found)}, stated {mean:.8g}+-{spread:.2g} ({far} times as far as by chance)"
+        )
+
+
+def contradicted(compared: Iterable[Contradiction]) -> tuple[Contradiction, ...]:
+    """Those that are beyond chance, the farthest first."""
+    beyond = [one for one in compared if one.deviations > BEYOND_CHANCE]
+    return tuple(sorted(beyond, key=lambda one: -one.deviations))
 
 
 class Dependence(NamedTuple):

@@ -118,7 +118,7 @@ def storage_bias(problem: Problem, storage: JpegStorage, picture: Image) -> Imag
 
 
 GRIDS = (*range(1, 17), 20, 24, 32, 40)
-"""Samples a pixel and side that are tried: those that renderers are asked for, and those of a target that was binned."""
+"""Samples a pixel and side that are tried: those that renderers are asked for, and those of binned targets."""
 
 
 def detect_grid(

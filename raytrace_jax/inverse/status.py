@@ -3,11 +3,12 @@
 import dataclasses
 import datetime
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from raytrace_jax.inverse.assumptions import ModelCheck, looks_like, short_count
+from raytrace_jax.inverse.assumptions import Contradiction, ModelCheck, contradicted, looks_like, short_count
 from raytrace_jax.inverse.build_problem import FitSetup
 from raytrace_jax.inverse.noise import EVIDENCE, is_near
 from raytrace_jax.inverse.options import FitOptions
@@ -128,6 +129,17 @@ def fit_status(
     )
 
 
+def contradicted_status(
+    found: Sequence[Contradiction], status: Status, message: str, advice: str
+) -> tuple[Status, str, str]:
+    """The status of a fit at rest whose picture contradicts what was stated: that comes first of all."""
+    words = "the picture contradicts what was stated of " + "; of ".join(one.words for one in found)
+    again = f"measure {listed(one.name for one in found)} again, leave the prior out, or free what else may be wrong"
+    if status == "converged":
+        return "model_incomplete", words, again
+    return "model_incomplete" if status == "ambiguous" else status, f"{words}; {message}", f"{again}; {advice}"
+
+
 def interrupted_status(
     stopped: str, is_known: bool, has_moved: bool, is_solved: bool = False, settled: bool = False
 ) -> tuple[Status, str, str]:
@@ -245,6 +257,9 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
             next_move=solution.next_move,
             knows_samples=(target_samples or options.target_samples) is not None,
         )
+        otherwise = prior_contradictions(setup, solution, uncertainty, check) if settled else ()
+        if otherwise:
+            status, message, advice = contradicted_status(otherwise, status, message, advice)
         if status in ("not_converged", "model_incomplete"):
             advice += above_one_in_words(problem, explained, dict(at_bound))
     message += bounds_in_words(at_bound) + profiles_in_words(findings.profiles, names, uncertainty.standard_error)
@@ -276,6 +291,22 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
             "seconds": f"{recorder.history[-1].seconds:.3g}" if recorder.history else "0",
         },
     )
+
+
+def prior_contradictions(
+    setup: FitSetup, solution: FitState, uncertainty: Uncertainty, check: ModelCheck
+) -> tuple[Contradiction, ...]:
+    """The numbers that come out otherwise than their priors say."""
+    names, values = setup.problem.unknowns.names, setup.problem.values(solution.y)
+    total, compared = np.diagonal(uncertainty.covariance + check.covariance), []
+    for name, stated in setup.priors.items():
+        place = names.index(name)
+        variance, least = max(float(total[place]), 0.0), min(float(uncertainty.cramer_rao[place]), stated[1]) ** 2
+        # The picture pulls by as much as the least error says; that the total error is larger adds to the difference.
+        excess = 2 * (variance - least)
+        found = float(values[place]), math.sqrt(variance)
+        compared.append(Contradiction.of(name, found, stated, excess))
+    return contradicted(compared)
 
 
 def above_one_in_words(problem: Problem, explained: bool, at_bound: Mapping[str, float]) -> str:

@@ -86,7 +86,7 @@ class Known(NamedTuple):
     """What is known of the numbers before: a Gaussian.
 
     Args:
-        mean: of each number of the first view.
+        mean: of each number of the first view; of what is not known it means nothing.
         root: a square root of the precision matrix; no rows know nothing.
     """
 
@@ -117,14 +117,14 @@ class Adjusted(NamedTuple):
         views: each view's numbers.
         joint: all numbers: those of the first view, then of each other one what is its own (`OWN`).
         covariance: of all these.
-        known: of all these, the square root of the precision before.
+        known: what was known of all these before.
         cost: half the sum of the squares, in standard deviations.
     """
 
     views: tuple[Seen, ...]
     joint: Float[np.ndarray, " joint"]
     covariance: Float[np.ndarray, "joint joint"]
-    known: Float[np.ndarray, "rows joint"]
+    known: Known
     cost: float
 
 
@@ -146,7 +146,8 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
     first = views[0]
     start = np.concatenate([first.numbers, *(view.numbers[OWN] for view in views[1:])])
     scale = np.concatenate([first.scale, *(view.scale[OWN] for view in views[1:])])
-    known_root = np.pad(known.root, ((0, 0), (0, len(start) - len(first.numbers))))
+    more = (0, len(start) - len(first.numbers))
+    known = Known(np.pad(known.mean, more), np.pad(known.root, ((0, 0), more)))
     places = [_places(k, len(first.numbers)) for k in range(len(views))]
 
     # The search moves the free numbers, each in its own scale, so that steps are alike.
@@ -181,8 +182,8 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
         return found
 
     # A row of the system is a miss over its scatter, times its weight; what was known adds rows of its own.
-    at_root = known_root[:, free] * spread
-    at_start = known.root @ (first.numbers - known.mean)
+    at_root = known.root[:, free] * spread
+    at_start = known.root @ (start - known.mean)
     believed = [np.hypot(group.spread, TRUE_TO) for group in groups]
     x, factors, used = np.zeros(len(free)), [1.0] * len(groups), [np.ones(len(group.pixels), bool) for group in groups]
     weights = [one.astype(float) for one in used]
@@ -225,7 +226,7 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
         numbers, chain = numbers_at(joint, k)
         i, j = 2 * k, 2 * k + 1
         seen.append(Seen(numbers, chain @ covariance @ chain.T, (sigma[i], sigma[j]), (used[i], used[j])))
-    return Adjusted(tuple(seen), joint, covariance, known_root, float(residual @ residual) / 2)
+    return Adjusted(tuple(seen), joint, covariance, known, float(residual @ residual) / 2)
 
 
 def _places(k: int, count: int) -> Int[np.ndarray, " numbers"]:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from raytrace_jax.inverse.assumptions import Contradiction, contradicted
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.photo.bundle import BALL, OWN, Adjusted
 from raytrace_jax.photo.cameras import COUNT, LENS
@@ -42,7 +43,10 @@ def told_together(together: Together, names: Sequence[str]) -> dict[str, object]
     """What the corners of photographs with these names say, as plain values; a single one says what `told` has."""
     assert together.adjusted is not None, "a ball is found"
     parts = budget(together.adjusted)
-    made_of: dict[str, object] = {"budget": parts._asdict() | {"advice": parts.advice}}
+    made_of: dict[str, object] = {
+        "contradicted": [one._asdict() for one in contradictions(together.adjusted)],
+        "budget": parts._asdict() | {"advice": parts.advice},
+    }
     if len(names) == 1:
         return told(together.located[0]) | made_of
     order = [names[k] for k in (*together.located, *together.bare)]
@@ -121,6 +125,18 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
     return Joined((index, float(np.sqrt(variance))), apart, float(gain[0, 0]))
 
 
+def contradictions(adjusted: Adjusted) -> tuple[Contradiction, ...]:
+    """What was known before of lens and radius, and comes out otherwise."""
+    mean, root = adjusted.known
+    known = np.flatnonzero(root.any(axis=0))
+    before = np.sqrt(np.diagonal(np.linalg.inv(root[:, known].T @ root[:, known])))
+    after = np.sqrt(np.diagonal(adjusted.covariance))
+    return contradicted(
+        Contradiction.of(NAMES[k], (float(adjusted.joint[k]), float(after[k])), (float(mean[k]), float(spread)))
+        for k, spread in zip(known, before, strict=True)
+    )
+
+
 class Budget(NamedTuple):
     """Parts of an index's standard deviation, whose squares add up to its square; and what it would be.
 
@@ -154,7 +170,7 @@ class Budget(NamedTuple):
 
 def budget(adjusted: Adjusted) -> Budget:
     """The parts of the error of an adjusted index, which follows linearly from corners, lens and radius."""
-    covariance, root = adjusted.covariance, adjusted.known
+    covariance, root = adjusted.covariance, adjusted.known.root
     variance = covariance[COUNT, COUNT]
     moved, of_radius = root @ covariance[COUNT], root[:, COUNT + RADIUS] != 0
     radius, lens = (float(np.sum(moved[rows] ** 2)) for rows in (of_radius, ~of_radius))

@@ -1,6 +1,7 @@
 """A sheet on which each step from a photograph to an index is seen: corners, outline, light, what counts."""
 
 import textwrap
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +10,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
+from raytrace_jax.inverse.assumptions import Contradiction
 from raytrace_jax.photo.bundle import Corners
 from raytrace_jax.photo.flattened import AROUND, Flattened
 from raytrace_jax.photo.grids import PixelGrid
@@ -21,12 +23,16 @@ DIRECT, THROUGH, OUTLINE, MARKER = "#1f77b4", "#d62728", "#ff9d00", "#2ca02c"
 
 
 def draw_photo_sheet(
-    image: Float[np.ndarray, "3 height width"], located: Located, flat: Flattened | None, long: bool = False
+    image: Float[np.ndarray, "3 height width"],
+    located: Located,
+    flat: Flattened | None,
+    long: bool = False,
+    otherwise: Sequence[Contradiction] = (),
 ) -> Figure:
     """Draw a scene-linear photograph with what was found in it, and what is made of it.
 
     `flat` is the photograph without the light of its room, None where that could not be told. `long` writes the index
-    as 1.5187 ± 0.0011 in place of 1.5187(11).
+    as 1.5187 ± 0.0011 in place of 1.5187(11). `otherwise` is what the photograph contradicts.
     """
     figure = Figure(figsize=(13.0, 8.2), dpi=130, layout="constrained")
     axes = figure.subplot_mosaic("aab;cde", width_ratios=(1, 1, 1.1))
@@ -42,7 +48,9 @@ def draw_photo_sheet(
             axes[name].set_visible(False)
     remove_ticks(axes[name] for name in "abde")
     letter_panels(axes[name] for name in "abcde")
-    figure.suptitle(f"index from the corners: {estimate_line(*located.index, long)}", fontsize=12)
+    title = [f"index from the corners: {estimate_line(*located.index, long)}"]
+    title += [f"contradicted: {one.words}" for one in otherwise]
+    figure.suptitle("\n".join(title), fontsize=12, color="#b00020" if otherwise else "black")
     return figure
 
 

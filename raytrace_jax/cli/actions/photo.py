@@ -19,7 +19,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import angle_of_view, camera_of, orientation_of
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.pictures import is_photograph, read_picture, transfer_of_camera
-from raytrace_jax.inverse.assumptions import looks_like
+from raytrace_jax.inverse.assumptions import Contradiction, looks_like
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.photo.boards import CharucoBoard, read_board
@@ -29,7 +29,7 @@ from raytrace_jax.photo.find_camera import Photograph, photograph_of
 from raytrace_jax.photo.flattened import Flattened, flatten
 from raytrace_jax.photo.lens import LensPrior, Turn, read_lens, turned, uncalibrated, write_lens
 from raytrace_jax.photo.locate import Located, Together, locate_together
-from raytrace_jax.photo.opinions import AGREE, budget, joined, told_together
+from raytrace_jax.photo.opinions import AGREE, budget, contradictions, joined, told_together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene
 from raytrace_jax.photo.through_glass import RADIUS
@@ -128,12 +128,18 @@ def run_photo(command: Photo) -> int:
             if k in together.refused or refusal.taken.discs:
                 left = "is left out" if k in together.refused else "tells of the lens alone"
                 print_warning(f"{refusal} It {left}: see {folder / f'located{ends[k]}.png'}.")
+        assert together.adjusted is not None, "a ball is found"
+        otherwise = contradictions(together.adjusted)
+        code = NOT_CONVERGED if otherwise else 0
+        if otherwise:
+            print_warning(_in_words(otherwise, several, folder))
         made = [provenance(path) for path in command.photos]
         numbers = told_together(together, [str(path) for path in command.photos])
         numbers |= {"provenance": made if several else made[0]}
         for k, located in together.located.items():
             with atomic_write(folder / f"located{ends[k]}.png") as temporary:
-                draw_photo_sheet(pictures[k][0], located, flats.get(k), command.long).savefig(temporary)
+                sheet = draw_photo_sheet(pictures[k][0], located, flats.get(k), command.long, otherwise)
+                sheet.savefig(temporary)
         write_text(folder / "located.json", json_text(numbers))
         if not command.json:
             print_located(together, command.photos, command.long)
@@ -145,9 +151,22 @@ def run_photo(command: Photo) -> int:
             room = room_scene(together.located[k], flat)
             save_scene(room.scene, folder / f"scene{ends[k]}.txt", model="physical")
             if command.fit:
-                return _fit_light(command, together.located[k], flat, room, console)
+                return max(code, _fit_light(command, together.located[k], flat, room, console))
     print(json_text(numbers) if command.json else folder, end="" if command.json else "\n")
-    return 0
+    return code
+
+
+def _in_words(otherwise: Sequence[Contradiction], several: bool, folder: Path) -> str:
+    """What the photographs contradict, and what to do."""
+    is_lens = [one.name != "radius" for one in otherwise]
+    ways = ["measure ball and ruler again"] * (not all(is_lens))
+    ways += ["calibrate with this zoom and focus, and cut no picture"] * any(is_lens)
+    sheet = folder / ("located*.png" if several else "located.png")
+    return (
+        f"the photograph{'s contradict' if several else ' contradicts'} what was taken as known of "
+        f"{'; of '.join(one.words for one in otherwise)} (millimetres of the board, degrees): do not believe the "
+        f"index, {', '.join(ways)}, and look at {sheet} for corners that are none."
+    )
 
 
 def _ends(paths: Sequence[Path]) -> list[str]:
