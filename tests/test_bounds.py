@@ -15,6 +15,7 @@ from scenes import assignment_scene
 from scipy.optimize import lsq_linear
 
 from raytrace_jax import RenderSettings
+from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.solvers import gauss_newton, levenberg_marquardt
 from raytrace_jax.inverse.steps import Recorder, bounds_reached, shorten_step
 from raytrace_jax.inverse.unknowns import Transform
@@ -57,7 +58,7 @@ def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_erro
     noise = white()
     problem, state = solved(np.array([0, 0.5, 0.7]), np.array([0.3, 0.3, 0.0]), noise)
     recorder = Recorder(problem, None, None, None)
-    ended = gauss_newton(state, lambda *_: problem, recorder.step)
+    ended = gauss_newton(state, lambda y: FitState.at(problem, y, state.stage), recorder.step)
     assert ended.settled and np.all(np.isfinite(ended.y))
     np.testing.assert_allclose(problem.values(ended.y), best(np.array([0, 0.5, 0.7]), noise), atol=2e-6)
 

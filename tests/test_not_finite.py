@@ -89,7 +89,7 @@ def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
     # The truth is within the reach of one step in natural scales only if these are large: take the step.
     problem.__dict__["scale"] = np.full(2, 100.0)
     with pytest.warns(RuntimeWarning, match="not finite"):
-        ended = gauss_newton(solution, lambda *_: problem, recorder.step)
+        ended = gauss_newton(solution, lambda y: state_at(problem, y), recorder.step)
     assert not ended.settled and ended.linearization.is_finite
     np.testing.assert_array_equal(ended.y, problem.start())
     assert [step.accepted for step in recorder.history] == [True, False]

@@ -7,13 +7,13 @@ from posing import posed_problem
 from scenes import assignment_scene
 
 from raytrace_jax.inverse.forward import PredictedPicture
-from raytrace_jax.inverse.grid import GridPicture, settle_on_grid
-from raytrace_jax.inverse.noise import block_scatter, sampling_weights
+from raytrace_jax.inverse.grid import ResampledPicture, settle
+from raytrace_jax.inverse.noise import block_scatter
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.sampling import detect_grid, point_sampled
+from raytrace_jax.inverse.sampling import LATTICES, detect_grid, lattice_offsets, point_sampled
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.scene.scene import map_scenes
-from raytrace_jax.tracer.pixels import pixel_colors
+from raytrace_jax.tracer.pixels import pixel_colors, sample_offsets
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SMALL = ResolvedSettings(size=(48, 36), max_bounces=2)
@@ -68,7 +68,7 @@ def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, 
     target = point_sampled(problem, problem.start(), samples).mean
     one, y = posed(target), problem.start() + 3e-4
     begun = state_at(one, y, AWARE)
-    found = settle_on_grid(one, begun, samples, Recorder(one, None, None, None))
+    found = settle(one, begun, samples, Recorder(one, None, None, None))
     spread = float(np.sqrt(found.resolution[0, 0]))
     assert found.settled and found.target_samples == samples
     assert abs(float(found.y[0] - problem.start()[0])) < 0.6 * spread < 0.01 / samples**2
@@ -84,9 +84,10 @@ def test_edges_along_the_grid_do_not_lead(problem, slope, along):
     inside = (right - 20.3 > slope * (down - 18)).astype(float).reshape(36, samples, 48, samples)
     mean, variance = inside.mean((1, 3)), inside.var((1, 3))
     row, column = np.nonzero(variance)
-    grid = GridPicture(
+    grid = ResampledPicture(
         problem,
         samples,
+        sample_offsets(samples),
         np.asarray(problem.start()),
         PredictedPicture(
             problem.array(np.stack(3 * [mean])), problem.array(np.zeros((len(problem.start()), 3, 36, 48)))
@@ -103,22 +104,17 @@ def test_edges_along_the_grid_do_not_lead(problem, slope, along):
     assert np.sum(root > 0.9) == root.size - np.sum(grid.is_along)
 
 
-def test_weights_are_those_of_random_samples():
-    random = np.random.default_rng(4)
-    inside = np.where(random.uniform(size=(3, 60, 80)) < 0.1, random.uniform(0, 0.2, (3, 60, 80)), 0.0)
-    spread = np.sqrt(1e-6 + inside / 64)
-    counts = np.ones((60, 80), bool)
-    found = sampling_weights(spread * random.normal(size=spread.shape), inside, counts)
-    np.testing.assert_allclose(found, 1e-6 / (1e-6 + inside.mean(axis=0) / 64), rtol=0.3)
-    # A few pixels that are off for other reasons change little; noise that is the same everywhere shows nothing.
-    residual = spread * random.normal(size=spread.shape)
-    residual[:, ::20, ::20] = 0.7
-    varied = inside.max(axis=0) > 0.05
-    with_outliers = sampling_weights(residual, inside, counts)
-    np.testing.assert_allclose(np.median(with_outliers[varied]), np.median(found[varied]), rtol=0.4)
-    assert sampling_weights(1e-3 * random.normal(size=spread.shape), inside, counts) is None
-    assert sampling_weights(np.zeros(spread.shape), inside, counts) is None
-    assert sampling_weights(spread * 0 + np.sqrt(inside), inside, counts) is None  # More than any samples leave.
+@pytest.mark.parametrize("size", [size for size, _ in LATTICES])
+def test_a_lattice_knows_the_area_of_any_edge(size):
+    """Of a half plane through the pixel, in any direction and nearly along its rows."""
+    random, places = np.random.default_rng(0), lattice_offsets(size)
+    assert places.shape == (size, 2) and np.all(np.abs(places) < 0.5)
+    np.testing.assert_allclose(places.mean(axis=0), 0, atol=0.5 / size)
+    fine = sample_offsets(300)
+    for angle, most in ((random.uniform(0, 2 * np.pi, 200), 0.35), (random.normal(0, 0.03, 200), 0.25)):
+        normal, middle = np.stack([np.cos(angle), np.sin(angle)]), random.uniform(-0.5, 0.5, 200)
+        off = np.mean(places @ normal < middle, axis=0) - np.mean(fine @ normal < middle, axis=0)
+        assert np.sqrt(np.mean(off**2)) < most / size**0.75
 
 
 def test_the_scatter_of_blocks_is_that_of_estimates():

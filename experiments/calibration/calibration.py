@@ -109,7 +109,8 @@ def stored(kind: Kind, light: np.ndarray, folder: Path):
         linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
         return np.moveaxis(linear, -1, 0), None
     path = folder / ("target.jpg" if kind.quality else "target.png")
-    Image.fromarray(numbers.astype(np.uint8)).save(path, **({"quality": kind.quality} if kind.quality else {}))
+    quality = {} if kind.quality is None else {"quality": kind.quality}
+    Image.fromarray(numbers.astype(np.uint8)).save(path, None, **quality)
     return read_picture(path, transfer="srgb"), jpeg_storage(path) if kind.quality else None
 
 

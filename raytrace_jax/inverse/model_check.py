@@ -200,6 +200,8 @@ def find_causes(
         tests = score_changes(rows, granted, suspects.changes, suspects.least_left)
         # Where one cause was found something is wrong, and chance is no rival of a further one.
         gain = np.where(np.abs(tests.score) > (3.5 if found else SIGNIFICANT), tests.gain, 0.0)
+        if not gain.any():
+            break
         # The residual is the picture minus the target: the target has that much less of the change. Of an amount beyond
         # its reach the part s within it explains 1 - (1 - s)^2 of what all of it would.
         amount = -suspects.within_reach(-tests.amount)
