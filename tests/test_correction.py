@@ -10,7 +10,7 @@ from posing import posed_problem
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
-from raytrace_jax.inverse.grid import resampled, settle
+from raytrace_jax.inverse.resampled import resampled, settle
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.steps import Recorder

@@ -199,12 +199,6 @@ def test_structure_that_nothing_explains_is_structure():
     assert found.is_structured and found.pairs.far > 3
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_noise_has_no_cause(seed):
-    _, _, found = checked(picture(TRUTH) + white(seed))
-    assert not found.causes and not found.is_structured and not found.structure.any()
-
-
 def test_roundings_are_no_structure():
     _, _, found = checked(picture(TRUTH) * (1 + 1e-15))
     assert not found.is_structured

@@ -26,6 +26,8 @@ import independent  # noqa: E402
 
 SIZE = (96, 72)
 SAMPLES = 8
+REFLECTIONS = 5
+"""Inside of the ball, in both programs: more take longer and tell the errors of estimates no better."""
 
 
 class Kind(NamedTuple):
@@ -89,7 +91,7 @@ def draw_light(kind: Kind, truth: Truth, random: np.random.Generator) -> np.ndar
             right, down = random.random((2, height, width)) if kind.sampling != "grid" else (0.5, 0.5)
             if kind.sampling != "random":
                 right, down = (i + right) / SAMPLES, (j + down) / SAMPLES
-            total += independent.light(case, column + right, row + down, SIZE)
+            total += independent.light(case, column + right, row + down, SIZE, REFLECTIONS)
     light = truth.gain * total / SAMPLES**2 + truth.offset
     scatter = np.sqrt(kind.noise**2 + kind.shot**2 * light)
     return light + scatter * random.normal(size=light.shape)
@@ -119,8 +121,7 @@ def scene_text(truth: Truth) -> str:
     center = " ".join(repr(float(x)) for x in truth.start_center)
     text = independent.SCENE.format(fov=32.0, ior=float(truth.start_ior), center=center, radius=1.0)
     text = text.replace("pixeldim 160 120", "pixeldim {} {}".format(*SIZE))
-    # As many as the renderer follows: what more of them would bring is 3e-4 of the light at the rim.
-    return text.replace("model physical", "model physical max_bounces 17")
+    return text.replace("model physical", f"model physical max_bounces {REFLECTIONS + 2}")
 
 
 def run_fit(name: str, film: bool, number: int) -> dict:

@@ -112,7 +112,7 @@ def fresnel(cos_i, eta):
     return np.where(square > 0, (s**2 + p**2) / 2, 1.0), cos_t
 
 
-def light(case, x, y, size=SIZE):
+def light(case, x, y, size=SIZE, reflections=15):
     """What comes to the points of a film of this size, in pixels from its left and upper border."""
     width, height = size
     ahead = unit(-EYE)
@@ -134,7 +134,7 @@ def light(case, x, y, size=SIZE):
     total = share[:, None] * outside(p, d + 2 * cos_i[:, None] * n)
     d = d / case.ior + (cos_i / case.ior - cos_t)[:, None] * n
     share = 1 - share
-    for _ in range(16):  # The way out, and 15 reflections inside.
+    for _ in range(reflections + 1):  # The way out, and so many reflections inside.
         p = p - 2 * np.sum(d * (p - case.center), -1)[:, None] * d  # Along the chord.
         n = unit(p - case.center)
         cos_i = np.sum(n * d, -1)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax.inverse.grid import settle
+from raytrace_jax.inverse.resampled import settle
 from raytrace_jax.inverse.linearize import LOSSES
 from raytrace_jax.inverse.noise import EVIDENCE, explains
 from raytrace_jax.inverse.options import FitOptions, Stage
@@ -75,7 +75,7 @@ def refine(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder)
     pixel on its way, so that the fit ends with steps that do not ask (iteratively reweighted least squares).
 
     An edge-aware picture is nearly that of a box-filtered target. A picture of samples, which has no derivative of its
-    own, tells where it errs: it is what steps with the edge-aware derivative bring to the target (`grid.settle`).
+    own, tells where it errs: it is what steps with the edge-aware derivative bring to the target (`resampled.settle`).
     """
     stage = options.last_stage
     if stage.edges == "aware":

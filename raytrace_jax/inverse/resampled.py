@@ -206,27 +206,30 @@ def settle(
             samples of its own, and ours are as many as it takes for their error to be a small part of the residual.
         coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
     """
-    stage, start, size = solution.stage, solution.y, lattice_size()
+    stage, size = solution.stage, lattice_size()
     whose = "a supersampled picture" if samples is None else "a picture of the target's own samples"
-    # Follow the derivative; three lists of pixels at most, each made where the steps with the one before ended.
-    lists = 0
-    while True:
-        recorder.phase(f"comparing with {whose}")
-        picture = resampled(problem, start, stage, samples, size, coarse)
-        lowest = descend(picture, picture.leading, stage, recorder)
-        # Beyond a tenth of a pixel of a large ball another derivative holds, and edges may have left the listed pixels.
-        moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
-        lists += 1
-        wanted = size if samples is not None else needed_size(picture, lowest)
-        # What is not explained will not be explained by more samples.
-        if lists == 3 or (moved < 1e-3 and wanted <= size) or not explains(lowest):
+    recorder.phase(f"comparing with {whose}")
+    picture = resampled(problem, solution.y, stage, samples, size, coarse)
+    lowest = descend(picture, picture.leading, solution.y, stage, recorder)
+    # Go on from there with more samples, or with another derivative and list of pixels, which hold up to a tenth of a
+    # pixel of a large ball. What is not explained will not be explained by them.
+    for _ in range(3):
+        wanted = size if samples is not None else max(size, needed_size(picture, lowest))
+        is_far = problem.scaled_distance(problem.values(lowest.y), problem.values(picture.y)) >= 1e-3
+        if not (is_far or wanted > size) or not explains(lowest):
             break
-        start, coarse, size = lowest.y, None, max(wanted, size)
+        recorder.phase(f"comparing with {whose}")
+        size = wanted
+        if is_far:
+            picture = resampled(problem, lowest.y, stage, samples, size)
+        else:
+            picture = dataclasses.replace(picture, offsets=lattice_offsets(size))
+        lowest = descend(picture, picture.leading, lowest.y, stage, recorder)
     if samples is not None and not is_told(picture, lowest):
         # Place what the derivative cannot lead, and hold it there while that leads the others.
         start = look_around(picture, lowest, stage)
         picture = resampled(problem, start, stage, samples, size)
-        lowest = descend(picture, picture.problem, stage, recorder)
+        lowest = descend(picture, picture.problem, start, stage, recorder)
     # The solution there has the edge-aware picture and its bias.
     aware = problem.picture(lowest.y, stage.edges)
     corrected = problem.with_bias(np.asarray(lowest.linearization.image) - np.asarray(aware.image))
@@ -241,18 +244,18 @@ def settle(
     )
 
 
-def descend(picture: ResampledPicture, problem: Problem, stage: Stage, recorder: Recorder) -> FitState:
-    """The best place of Gauss-Newton steps with the derivative of the list's place.
+def descend(picture: ResampledPicture, problem: Problem, y: Vector, stage: Stage, recorder: Recorder) -> FitState:
+    """The best place of Gauss-Newton steps from `y`, with the derivative of the list's place.
 
     Args:
         problem: its weights lead: those of `picture.leading`, or all to hold what edges along the grid tell.
     """
-    start = picture.state(problem, problem.array(picture.y), stage)
+    start = picture.state(problem, problem.array(y), stage)
     return gauss_newton(start, lambda y: picture.state(problem, y, stage), recorder.step)
 
 
 def needed_size(picture: ResampledPicture, state: FitState) -> int:
-    """The points of a lattice whose own error leaves a twentieth of the residual at edges, or as many as time allows.
+    """The points of a lattice whose own error is a tenth of the squared residual at edges, or as many as time allows.
 
     A lattice of N points errs in the area of a straight edge by `.25 c N^-3/4`, rms over all edges of contrast c, whose
     mean variance within a pixel is `c^2 / 6`.
@@ -260,7 +263,7 @@ def needed_size(picture: ResampledPicture, state: FitState) -> int:
     root = np.asarray(state.problem.observation.root_weight, np.float64)[picture.row, picture.column]
     within = float(np.sum(picture.variance * root**2)) * 6 * 0.25**2
     seen = float(np.sum(np.asarray(state.residual)[:, picture.row, picture.column] ** 2))
-    return lattice_size((20 * within / max(seen, TINY)) ** (2 / 3), most=2e7 / max(len(picture.row), 1))
+    return lattice_size((10 * within / max(seen, TINY)) ** (2 / 3), most=2e7 / max(len(picture.row), 1))
 
 
 def is_told(picture: ResampledPicture, state: FitState) -> bool:
