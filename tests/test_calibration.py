@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from linear_fit import linear_names, linear_problem
 from linear_pictures import COLUMNS, PSEUDO_INVERSE, SIGMA, TRUTH, judged, picture, white
 from scipy import ndimage
+
+from raytrace_jax import fit
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "experiments" / "calibration"))
 import calibration
@@ -42,6 +45,27 @@ def test_errors_of_linear_pictures_hold(name):
     # The root mean square of 120 is known to 6 %.
     assert 0.82 < np.sqrt(np.mean(z**2)) < 1.18
     assert 0.01 <= np.mean(np.abs(z) > 2) <= 0.12
+
+
+def fitted(light, weight, **options):
+    """The fit of a noisy picture in another unit of light, all of whose weights are the same."""
+    target = light * (picture(TRUTH) + white())
+    problem = linear_problem(light * COLUMNS, target, start=TRUTH + 0.05)
+    weights = np.full(target.shape[1:], weight)
+    return fit(problem.scene, target, linear_names(3), problem.base, search=False, weights=weights, **options)
+
+
+@pytest.mark.parametrize("sampling", ["point", "aware"])
+def test_an_answer_knows_no_unit_of_light_or_of_weights(sampling):
+    usual = fitted(1.0, 1.0, target_sampling=sampling)
+    for light, weight in ((1e-30, 1.0), (1e30, 1.0), (1.0, 1e-30), (1.0, 1e30), (3e-7, 5e5)):
+        found, unit = fitted(light, weight, target_sampling=sampling), light * weight**0.5
+        assert found.status == usual.status == "converged"
+        np.testing.assert_allclose(found.value, usual.value, atol=1e-3 * usual.total_error.min())
+        np.testing.assert_allclose(found.total_error, usual.total_error, rtol=1e-3)
+        np.testing.assert_allclose(found.uncertainty.sigma, unit * usual.uncertainty.sigma, rtol=1e-3)
+        np.testing.assert_allclose(found.pictures.weights, weight)
+        assert found.history.steps[0].cost == pytest.approx(unit**2 * usual.history.steps[0].cost, rel=1e-6)
 
 
 @pytest.mark.slow

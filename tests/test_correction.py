@@ -10,9 +10,9 @@ from posing import posed_problem
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
-from raytrace_jax.inverse.resampled import resampled, settle
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import FitState
+from raytrace_jax.inverse.resampled import resampled, settle
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.tracer import run
 from raytrace_jax.tracer.geometry.camera import picture_place

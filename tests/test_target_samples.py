@@ -7,9 +7,9 @@ from posing import posed_problem
 from scenes import assignment_scene
 
 from raytrace_jax.inverse.forward import PredictedPicture
-from raytrace_jax.inverse.resampled import ResampledPicture, settle
 from raytrace_jax.inverse.noise import block_scatter
 from raytrace_jax.inverse.options import Stage
+from raytrace_jax.inverse.resampled import ResampledPicture, settle
 from raytrace_jax.inverse.sampling import LATTICES, detect_grid, lattice_offsets, point_sampled
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.scene.scene import map_scenes

@@ -6,11 +6,11 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax.inverse.resampled import settle
 from raytrace_jax.inverse.linearize import LOSSES
 from raytrace_jax.inverse.noise import EVIDENCE, explains
 from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem import FitState, Problem
+from raytrace_jax.inverse.resampled import settle
 from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, detect_grid, point_sampled
 from raytrace_jax.inverse.solvers import gauss_newton, levenberg_marquardt
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder

@@ -215,12 +215,12 @@ def settle(
     # pixel of a large ball. What is not explained will not be explained by them.
     for _ in range(3):
         wanted = size if samples is not None else max(size, needed_size(picture, lowest))
-        is_far = problem.scaled_distance(problem.values(lowest.y), problem.values(picture.y)) >= 1e-3
-        if not (is_far or wanted > size) or not explains(lowest):
+        moved = problem.scaled_distance(problem.values(lowest.y), problem.values(problem.array(picture.y)))
+        if not (moved >= 1e-3 or wanted > size) or not explains(lowest):
             break
         recorder.phase(f"comparing with {whose}")
         size = wanted
-        if is_far:
+        if moved >= 1e-3:
             picture = resampled(problem, lowest.y, stage, samples, size)
         else:
             picture = dataclasses.replace(picture, offsets=lattice_offsets(size))
