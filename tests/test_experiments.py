@@ -28,6 +28,7 @@ RUNS = {
     "benchmarks/on_gpu.py": ["on_gpu.json 'numbers, float64'"],
     "benchmarks/throughput.py": ["cache 1 3"],
     "benchmarks/warm.py": ["cache 1 render:64"],
+    "calibration/calibration.py": ["run 'white noise' --fits 1 --results calibration.jsonl"],
     "camera/fits.py": [f"'{PICTURES}' photographed_ball --cases 'camera fixed' --binning 4 --output ."],
     "edge_gradients/edge_gradients.py": ["--cases 'two balls' --samples 1 --size 16 12 --reference references"],
     "edge_gradients/figure.py": ["-o edges.png"],

@@ -223,11 +223,7 @@ if __name__ == "__main__":
     parser.add_argument("--results", type=Path, default=HERE / "calibration.jsonl")
     parser.add_argument("--histogram", type=Path, metavar="PNG")
     given = parser.parse_args()
-    if given.action == "table":
-        print_table(rows_of(given.results))
-        if given.histogram:
-            draw_histogram(rows_of(given.results), given.histogram)
-    else:
+    if given.action == "run":
         import jax
 
         jax.config.update("jax_enable_x64", True)
@@ -240,5 +236,8 @@ if __name__ == "__main__":
                 row = run_fit(name, given.film, number)
                 with given.results.open("a") as file:
                     file.write(json.dumps(row) + "\n")
-                z = {key: round(off / (row["error"][key] or np.nan), 2) for key, off in row["off"].items()}
+                z = {key: round(float(off / (row["error"][key] or np.nan)), 2) for key, off in row["off"].items()}
                 print(f"{name} {number}: {row['status']}, z {z}, {row['seconds']} s, CPU {row['cpu']} s", flush=True)
+    print_table(rows_of(given.results))
+    if given.histogram:
+        draw_histogram(rows_of(given.results), given.histogram)

@@ -276,7 +276,8 @@ class FitState:
         problem: what is solved: the problem given, with the bias that the edge-aware picture was found to have.
         next_move: how long the step after the last would be in standard errors, where steps ended on their own.
         target_samples: samples a pixel and side of a box-filtered target's regular grid; None where none is known.
-        resolution: covariance of unknowns whose pictures, of such samples or as stored, are the same; None if unknown.
+        resolution: covariance of unknowns that solver and samples do not tell apart: the outer product of the step that
+            was not taken, and of places whose pictures of such samples are the same; None if unknown.
     """
 
     problem: Problem

@@ -50,8 +50,8 @@ class Uncertainty:
             number.
         cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
         sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
-        resolution: the part of `standard_error` by which places lie apart whose pictures, of the target's samples or as
-            they were stored, are the same; 0 where nothing is known of it.
+        resolution: the part of `standard_error` that is the step which the solver did not take, and by which places lie
+            apart whose pictures of the target's samples are the same; 0 where nothing is known of it.
         sigma_given: whether `sigma` was given, or estimated from the residual where the picture depends on a parameter.
         reduced_chi_square: sum of squared residuals over sigma squared and the degrees of freedom; 1 is right, NaN
             where `sigma` was not given.
@@ -119,8 +119,8 @@ def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
     and M are taken in the directions in which the Jacobian's triangle R is the identity, since an inverse of `J^T J`
     would square the condition number.
 
-    The covariance of unknowns that the picture does not tell apart although its derivative does, the state's
-    `resolution`, is added to the estimate's. Where sums of squares are beyond the dtype nothing is known, and the
+    The covariance of unknowns that the picture or the solver does not tell apart although the derivative does, the
+    state's `resolution`, is added to the estimate's. Where sums of squares are beyond the dtype nothing is known, and the
     errors are NaN.
     """
     sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")

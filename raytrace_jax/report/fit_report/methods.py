@@ -105,8 +105,8 @@ def _errors(result: FitResult, sandwich: str) -> str:
     apart = [f"{name} ({number_text(float(distance), 2)})" for name, distance in rows if distance]
     if apart:
         noise += (
-            ", and so is, in quadrature, how far those values lie apart whose pictures, in the target's samples or as "
-            f"it was stored, are the same: {listed(apart)}"
+            ", and so are, in quadrature, the step that the solver did not take and how far those values lie apart "
+            f"whose pictures in the target's samples are the same: {listed(apart)}"
         )
     stated = [f"{a.name} ({number_text(a.uncertainty, 2)})" for a in result.check.assumptions if a.uncertainty]
     if not np.any(result.systematic_error > 0):
