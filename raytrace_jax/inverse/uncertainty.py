@@ -120,8 +120,8 @@ def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
     would square the condition number.
 
     The covariance of unknowns that the picture or the solver does not tell apart although the derivative does, the
-    state's `resolution`, is added to the estimate's. Where sums of squares are beyond the dtype nothing is known, and the
-    errors are NaN.
+    state's `resolution`, is added to the estimate's. Where sums of squares are beyond the dtype nothing is known, and
+    the errors are NaN.
     """
     sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
     if all(np.isfinite(np.asarray(getattr(state.linearization, name))).all() for name in sums):
