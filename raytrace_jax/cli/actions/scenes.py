@@ -7,7 +7,7 @@ import numpy as np
 
 from raytrace_jax.cli.console import print_table, stderr_console
 from raytrace_jax.cli.options.scenes import Export, Format, Import, Info, New, Scenes
-from raytrace_jax.cli.preparation import read_picture_scene, read_scene
+from raytrace_jax.cli.preparation import check_file, read_picture_scene, read_scene
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.exchange.export import export_scene
 from raytrace_jax.exchange.mitsuba.load import import_scene
@@ -109,6 +109,7 @@ def _what(scene: Scene, block: Block, model: ModelName) -> str:
 
 def run_export(command: Export) -> int:
     """Write the file, say what is lost, and print the path."""
+    check_file(command.output)
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
         lost = export_scene(scene, command.output, command.to, settings)
@@ -117,6 +118,7 @@ def run_export(command: Export) -> int:
 
 def run_import(command: Import) -> int:
     """Read the file, say what is lost, write the scene and print its path."""
+    check_file(command.output)
     with jax_session(64):
         scene, lost = import_scene(command.file)
         save_scene(scene, command.output, model="physical")
