@@ -126,11 +126,11 @@ def detect_grid(
     """The samples a pixel and side of the regular grid whose means the target's pixels are; None if no grid stands out.
 
     Pictures of several grids are compared with the target, in some pixels whose inside varies, beside those of a
-    lattice and of a finer grid, which stand for the mean over the pixel. The right grid is nearer to the target than any other
-    picture in most pixels (a sign test: the few in which a sample lies beyond an edge, since the unknowns are those of
-    an edge-aware picture, would rule sums of squares). What a step of the unknowns explains of a residual is taken off
-    first: it would hide which grid is right. Of a painted board, 512 x 384, it was 2.4 times as much as what told 8
-    samples from 7.
+    lattice and of a finer grid, which stand for the mean over the pixel. The right grid is nearer to the target than
+    any other picture in most pixels (a sign test: the few in which a sample lies beyond an edge, since the unknowns are
+    those of an edge-aware picture, would rule sums of squares). What a step of the unknowns explains of a residual is
+    taken off first: it would hide which grid is right. Of a painted board, 512 x 384, it was 2.4 times as much as what
+    told 8 samples from 7.
     """
     target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
     variance = np.where(root > 0, coarse.variance.max(axis=0), 0.0)
