@@ -96,8 +96,9 @@ def test_light_that_goes_to_and_fro_between_two_balls_has_finite_derivatives():
     for ior in 1.3 + np.linspace(0, 1e-3, 8):
         columns = forward(jnp.asarray(ior))
         assert np.isfinite(columns).all()
-        # So wide footprints multiply roundings, of which each code generator of XLA's makes others.
-        np.testing.assert_allclose(backward(jnp.asarray(ior)), columns.sum(), rtol=1e-7)
+        # So wide footprints multiply roundings, of which each code generator of XLA's and each processor makes others:
+        # 3e-8 was seen on one, 2.4e-6 on another.
+        np.testing.assert_allclose(backward(jnp.asarray(ior)), columns.sum(), rtol=1e-5)
 
 
 CORNERS = [(u * NODE, v * NODE) for u in (-1, 1) for v in (-1, 1)]
