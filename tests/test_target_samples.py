@@ -104,7 +104,7 @@ def test_edges_along_the_grid_do_not_lead(problem, slope, along):
     assert np.sum(root > 0.9) == root.size - np.sum(grid.is_along)
 
 
-@pytest.mark.parametrize("size", [size for size, _ in LATTICES])
+@pytest.mark.parametrize("size", LATTICES)
 def test_a_lattice_knows_the_area_of_any_edge(size):
     """Of a half plane through the pixel, in any direction and nearly along its rows."""
     random, places = np.random.default_rng(0), lattice_offsets(size)

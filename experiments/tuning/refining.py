@@ -17,7 +17,7 @@ from raytrace_jax.inverse.uncertainty import Uncertainty, quantify_uncertainty
 BOX: list[tuple[str, dict[str, Any]]] = [
     ("inverse.sampling:COARSE_SAMPLES", {"3": 3, "4": 4}),
     ("inverse.sampling:DISAGREEMENT", {f"{value:g}": value for value in (5e-5, 2e-4, 1e-3, 1e-2)}),
-    ("inverse.sampling:LATTICES", {f"{n}": ((n, m),) for n, m in ((89, 55), (233, 144), (610, 377), (1597, 987))}),
+    ("inverse.sampling:LATTICES", {f"{n}": (n,) for n in (89, 233, 610, 1597)}),
     ("inverse.solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets that are means over each pixel."""

@@ -1,4 +1,4 @@
-"""Noise models of the residual: structure, evidence, covariance of samples, neighbours, storage and leverage."""
+"""Noise models of the residual: structure, evidence, and the covariance of neighbours, storage and leverage."""
 
 from typing import NamedTuple
 

@@ -69,13 +69,13 @@ DISAGREEMENT = 1e-4
 target's light: a fortieth of a step of 8 bits. Half and double leave the same error, tenfold half as much again or more
 (experiments/tuning)."""
 
-LATTICES = ((89, 55), (233, 144), (610, 377), (1597, 987))
-"""Neighbouring Fibonacci numbers, whose lattices cover a square evenly."""
+LATTICES = (89, 233, 610, 1597)
+"""Points of the lattices that a pixel may be sampled with: Fibonacci numbers."""
 
 
 def lattice_size(least: float = 0, most: float = np.inf) -> int:
     """The points of the smallest lattice that has at least so many; at most `most`, if the first has."""
-    sizes = [size for size, _ in LATTICES if size <= most] or [LATTICES[0][0]]
+    sizes = [size for size in LATTICES if size <= most] or [LATTICES[0]]
     return next((size for size in sizes if size >= least), sizes[-1])
 
 
@@ -85,8 +85,8 @@ def lattice_offsets(size: int) -> Float[np.ndarray, "samples 2"]:
     A regular grid of as many errs as much in the area of an edge of any direction, but five times as much where the
     edge is nearly along its rows, and then alike in all pixels of a line of a level board.
     """
-    index = np.arange(size)
-    step = dict(LATTICES)[size]
+    # The Fibonacci number before is this one over the golden ratio, rounded.
+    index, step = np.arange(size), round(size * 2 / (1 + 5**0.5))
     return np.stack([(index + 0.5) / size, np.mod(index * step + 0.5, size) / size], axis=1) - 0.5
 
 
