@@ -116,7 +116,7 @@ def test_stopped_in_the_check_of_the_model_it_says_that_this_is_missing(by_clock
 
     monkeypatch.setattr(Recorder, "check_clock", end)
     monkeypatch.setattr(LinearModel, "points", staticmethod(watched))
-    result, _ = stopped_fit(calls, phase=phase, max_seconds=100)
+    result, _ = stopped_fit(calls, phase=phase, max_seconds=100.0)
     assert len(rendered) == 1, "and nothing after it"
     reason = "stopped after 100 seconds" if by_clock else "interrupted by the user"
     assert result.status == "interrupted"

@@ -78,7 +78,7 @@ def nearest_power(size: float) -> float:
     return 2.0 ** round(math.log2(size)) if size > 0 else 1.0
 
 
-def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings: ResolvedSettings) -> Observation:
+def observe(target: object, weights: object, scene: Scene, settings: ResolvedSettings) -> Observation:
     """Check target and weights and bring them to the scene's dtype.
 
     Args:
@@ -139,14 +139,14 @@ def _oddities(colours: np.ndarray, scene: Scene) -> list[str]:
     return found
 
 
-def _numbers(values: ArrayLike, name: str) -> np.ndarray:
+def _numbers(values: object, name: str) -> np.ndarray:
     try:
         return real_numbers(values)
     except ValueError as reason:
         raise PictureError(f"the {name} {reason}") from None
 
 
-def _checked_weights(weights: ArrayLike, hidden: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
+def _checked_weights(weights: object, hidden: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
     """The weights of all pixels, 0 for those that are hidden and for those of which a weight is masked."""
     weight, masked = _numbers(weights, "mask"), is_masked(weights)
     if weight.ndim == 3:

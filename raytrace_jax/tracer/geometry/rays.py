@@ -5,7 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Num
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 Scalars = Float[Array, " *rays"]
 Vectors = Float[Array, "3 *rays"]
@@ -124,14 +124,14 @@ def take(table, index: Integers):
     return jax.tree.map(lambda column: take_column(column, index), table)
 
 
-def take_column(column: Num[Array, "*components entries"], index: Integers) -> Num[Array, "..."]:
+def take_column(column: Shaped[Array, "*components entries"], index: Integers) -> Shaped[Array, "..."]:
     """`column[..., index]`; for a few entries a chain of selections, which is faster than a gather."""
     if column.shape[-1] > UNROLL:
         return column.at[..., index].get(mode="promise_in_bounds")
     return select_column(column, index) if jnp.issubdtype(column.dtype, jnp.floating) else selections(column, index)
 
 
-def selections(column: Num[Array, "*components entries"], index: Integers) -> Num[Array, "..."]:
+def selections(column: Shaped[Array, "*components entries"], index: Integers) -> Shaped[Array, "..."]:
     """The chain of selections."""
     entries = [column[..., k].reshape(column.shape[:-1] + (1,) * index.ndim) for k in range(column.shape[-1])]
     chosen = jnp.broadcast_to(entries[0], column.shape[:-1] + index.shape)
