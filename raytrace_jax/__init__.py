@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from raytrace_jax.tracer.rendering import Film as Film
     from raytrace_jax.tracer.rendering import render as render
     from raytrace_jax.tracer.settings import RenderSettings as RenderSettings
+    from raytrace_jax.util.compilation import compiler_options as compiler_options
     from raytrace_jax.util.session import enable_compile_cache as enable_compile_cache
 
 _FRONT = {
@@ -80,6 +81,7 @@ _FRONT = {
     "tracer.pure": ("Renderer", "make_renderer"),
     "tracer.rendering": ("Film", "render"),
     "tracer.settings": ("RenderSettings",),
+    "util.compilation": ("compiler_options",),
     "util.session": ("enable_compile_cache",),
 }
 """Which module has which of the public names."""

@@ -9,7 +9,7 @@ from physical_scenes import Camera, Checker, Light, Material, Rectangle, Scene, 
 
 from raytrace_jax import parse_scene
 from raytrace_jax.tracer.levels.compaction import in_blocks
-from raytrace_jax.tracer.pure import Room, pure_picture
+from raytrace_jax.tracer.pure import pure_picture
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.run import Capacity
 
@@ -100,7 +100,7 @@ def both_modes(edges, size=SIZE, rays=64):
     """
     how = ResolvedSettings(size=size, model="physical", mapping="center", max_bounces=BOUNCES, edges=edges)
     half = size[0] * size[1] // 2
-    room = Room(Capacity(16 * in_blocks(half * rays / 16), half))
+    room = Capacity(16 * in_blocks(half * rays / 16), half)
 
     def pictures(scene, along):
         weight = jnp.sin(jnp.arange(3.0 * size[0] * size[1])).reshape(3, size[1], size[0])

@@ -76,7 +76,7 @@ def test_of_more_shapes_than_areas_can_tell_apart_the_picture_is_there_and_its_d
     for module in ("world", "pure"):
         monkeypatch.setattr(f"raytrace_jax.tracer.{module}.MOST_SHAPES", 0)
     scene = parse_scene(DISC)
-    renderer = make_renderer(scene, FLAT)
+    renderer = make_renderer(scene, dataclasses.replace(FLAT, max_bounces=7))  # Which no other test has traced.
     assert renderer(scene).image.shape == (3, 18, 24)
     with pytest.raises(RaytraceError, match="shapes; edge-aware tracing, and so a derivative"):
         jax.grad(lambda radius: renderer(set_parameters(scene, {"ball.radius": radius})).image.mean())(jnp.asarray(2.0))

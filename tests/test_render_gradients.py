@@ -10,7 +10,6 @@ from scenes import assignment_scene, random_scene, resolved
 
 from raytrace_jax import Renderer, RenderSettings, picture_derivatives
 from raytrace_jax.tracer.derivatives import finite_differences
-from raytrace_jax.tracer.pure import Room
 from raytrace_jax.tracer.run import Capacity
 
 SIZE = (48, 36)
@@ -43,7 +42,7 @@ def test_derivatives_equal_central_differences_where_the_picture_is_smooth():
         np.testing.assert_allclose(derivative[where], difference[where], rtol=1e-5, atol=1e-7, err_msg=name)
 
 
-SHORT = Renderer(resolved(size=SIZE, max_bounces=2, edges="point"), Room(Capacity(8 * 1728, 1728)), "classic")
+SHORT = Renderer(resolved(size=SIZE, max_bounces=2, edges="point"), Capacity(8 * 1728, 1728), "classic")
 """With room for both children of every ray: no scene can overflow it."""
 
 

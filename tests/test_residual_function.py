@@ -15,7 +15,15 @@ import pytest
 import user_loops
 from scenes import assignment_scene
 
-from raytrace_jax import ParameterError, RenderSettings, get_parameter, make_residual, render, set_parameters
+from raytrace_jax import (
+    ParameterError,
+    RenderSettings,
+    SettingsError,
+    get_parameter,
+    make_residual,
+    render,
+    set_parameters,
+)
 from raytrace_jax.tracer.run import Capacity
 
 ROOT = Path(__file__).parent.parent
@@ -48,19 +56,79 @@ def test_it_is_the_picture_minus_the_target_where_it_starts(problem, scene, targ
     assert int(overflow) == 0
 
 
+def jacobian_of(transformation, residual, y):
+    """The residual's Jacobian, "pixels parameters", as a caller's transformation gets it."""
+    eye = jnp.eye(len(y))
+    if transformation == "linearize":
+        return jax.vmap(jax.linearize(residual, y)[1], out_axes=1)(eye)
+    if transformation == "vjp":
+        (found,) = jax.vmap(jax.vjp(residual, y)[1])(jnp.eye(residual(y).size))
+        return found
+    if transformation == "checkpoint":
+        return jax.jacrev(jax.checkpoint(residual))(y)
+    if transformation == "vmap":
+        return jax.vmap(jax.jacfwd(residual))(jnp.stack([y, y + 0.1]))[0]
+    return getattr(jax, transformation)(residual)(y)
+
+
+@pytest.fixture(scope="module", params=["aware", "point"])
+def colored(request):
+    """A residual by two colours and an opacity, whose values and derivatives belong together, and its differences."""
+    scene = user_loops.setup()[0]
+    settings = dataclasses.replace(user_loops.SETTINGS, edges=request.param)
+    free = ["board.diffuse.r", "glass.diffuse.g", "glass.alpha"]
+    target = np.full((3, 6, 8), 0.3) * np.array([1, 1.2, 0.9])[:, None, None] + np.eye(6, 8) / 4
+    picture = make_residual(scene, target, free, settings)
+
+    def residual(y):
+        return picture.residual(y, 0.6)[0].ravel()
+
+    compiled, step = jax.jit(residual), 1e-6
+    differences = [(compiled(picture.start + step * e) - compiled(picture.start - step * e)) for e in np.eye(3)]
+    return residual, picture.start, np.stack(differences, axis=1) / (2 * step)
+
+
 @pytest.mark.slow
-def test_both_modes_derivatives_are_the_limit_of_differences(problem):
-    """No edge moves with a colour or with how much glass lets through."""
+@pytest.mark.parametrize("transformation", ["linearize", "jacfwd", "jacrev", "vjp", "checkpoint", "vmap"])
+def test_every_transformation_finds_the_jacobian_of_differences(colored, transformation):
+    residual, y, differences = colored
+    found = jax.jit(functools.partial(jacobian_of, transformation, residual))(y)
+    np.testing.assert_allclose(found, differences, atol=1e-8)
 
-    def cost(y, blur):
-        return 0.5 * jnp.sum(problem.residual(y, blur)[0] ** 2)
 
-    y, step = problem.start, 1e-5
-    value, gradient, forward = map(jax.jit, (cost, jax.grad(cost), jax.jacfwd(cost)))
-    for blur in map(jnp.asarray, (0.0, 1.5)):
-        differences = [float(value(y + step * e, blur) - value(y - step * e, blur)) / (2 * step) for e in np.eye(4)]
-        np.testing.assert_allclose(gradient(y, blur), differences, rtol=1e-6, atol=1e-9)
-        np.testing.assert_allclose(forward(y, blur), gradient(y, blur), rtol=1e-9)
+@pytest.mark.slow
+def test_second_derivatives_are_those_of_differences_or_refused(colored, request):
+    residual, y, _ = colored
+
+    def cost(y):
+        return 0.5 * jnp.sum(residual(y) ** 2)
+
+    if request.node.callspec.params["colored"] == "aware":
+        with pytest.raises(SettingsError, match="no second derivative"):
+            jax.hessian(cost)(y)
+        return
+    gradient, step = jax.jit(jax.grad(cost)), 1e-5
+    differences = [(gradient(y + step * e) - gradient(y - step * e)) / (2 * step) for e in np.eye(3)]
+    np.testing.assert_allclose(jax.jit(jax.hessian(cost))(y), differences, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(jax.jit(jax.jacrev(jax.grad(cost)))(y), differences, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.slow
+def test_a_derivative_by_the_scene_of_a_residual_is_that_of_a_renderer():
+    """Its own scene is a part of the pytree, and moves with what a user adds to it."""
+    _, picture, renderer = user_loops.setup()
+
+    def mean(red, film):
+        scene = set_parameters(picture.scene, {"glass.diffuse.r": red})
+        image = film(scene)
+        return jnp.mean(image * jnp.linspace(0, 1, 8))
+
+    def of_residual(scene):
+        return dataclasses.replace(picture, scene=scene).residual(picture.start)[0] + picture.observation.target
+
+    red = jnp.asarray(0.4)
+    wanted = jax.jit(jax.grad(functools.partial(mean, film=lambda scene: renderer(scene).image)))(red)
+    np.testing.assert_allclose(jax.jit(jax.grad(functools.partial(mean, film=of_residual)))(red), wanted, rtol=1e-9)
 
 
 @pytest.mark.slow
@@ -78,7 +146,7 @@ def test_the_documentations_loop_finds_what_the_picture_was_made_with(monkeypatc
 @pytest.mark.slow
 def test_rays_without_room_are_said_and_given_room(problem):
     # Two rays a pixel.
-    narrow = dataclasses.replace(problem, room=problem.room._replace(picture=Capacity(rays=128, pixels=64)))
+    narrow = dataclasses.replace(problem, room=Capacity(rays=128, pixels=64))
     assert int(narrow.residual(narrow.start)[1]) > 0
     assert int(narrow.with_room(narrow.start).residual(narrow.start)[1]) == 0
 

@@ -10,7 +10,7 @@ from scenes import assignment_scene, resolved
 from raytrace_jax import set_parameters
 from raytrace_jax.tracer.levels import integrator
 from raytrace_jax.tracer.pixels import differentiate_batches, prepare_derivatives
-from raytrace_jax.tracer.pure import Room, pure_picture
+from raytrace_jax.tracer.pure import pure_picture
 from raytrace_jax.tracer.run import Capacity
 
 
@@ -28,7 +28,7 @@ def test_a_level_is_traced_once_however_many_loops_and_derivatives_are_around_it
     scene = assignment_scene()  # Kept by the tests: it must not be made while JAX traces.
 
     def image(ior):
-        return pure_picture(set_parameters(scene, {"vitreous.ior": ior}), how, Room(Capacity(1024, 182))).image
+        return pure_picture(set_parameters(scene, {"vitreous.ior": ior}), how, Capacity(1024, 182)).image
 
     def derivative(direction):
         return jax.jvp(image, (jnp.asarray(1.4),), (direction,))

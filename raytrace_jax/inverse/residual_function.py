@@ -14,13 +14,14 @@ from raytrace_jax.inverse.forward import Observation
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.pure import Room, pure_picture, room_for
+from raytrace_jax.tracer.pure import measured_room, picture_at, room_for
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
+from raytrace_jax.tracer.run import Capacity
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.numerics import with_lower_ranks
 
 SLACK = 2.0
-"""Room for more rays than the start has: twice as many cost half as much again, and a loop cannot ask for more."""
+"""Room for more rays than the start was seen to want: a loop cannot ask for more."""
 
 
 class PictureResidual(eqx.Module):
@@ -37,7 +38,7 @@ class PictureResidual(eqx.Module):
     observation: Observation
     unknowns: Unknowns = eqx.field(static=True)
     settings: ResolvedSettings = eqx.field(static=True)
-    room: Room = eqx.field(static=True)
+    room: Capacity = eqx.field(static=True)
 
     @with_lower_ranks
     def residual(
@@ -48,9 +49,9 @@ class PictureResidual(eqx.Module):
         Args:
             args: standard deviation in pixels of a Gaussian blur, so that a loop can go from coarse to fine; None is 0.
         """
-        film = pure_picture(self.scene_at(y), self.settings, self.room)
+        image, overflow = picture_at(y, self.scene, self.unknowns, self.settings, self.room)
         blur = jnp.asarray(0.0 if args is None else args, y.dtype)
-        return gaussian_blur(self.observation.residual(film.image), blur), film.overflow
+        return gaussian_blur(self.observation.residual(image), blur), overflow
 
     def parameters(self, y: Float[Array, " parameters"]) -> dict[str, Float[Array, ""]]:
         """The value of each free parameter at unknowns `y`."""
@@ -62,7 +63,7 @@ class PictureResidual(eqx.Module):
 
     def with_room(self, y: Float[Array, " parameters"], slack: float = SLACK) -> "PictureResidual":
         """Make room for the rays of the scene at `y`, if these are more; the result has to be compiled anew."""
-        needed = room_for(self.scene_at(y), self.settings, slack)
+        needed = measured_room(self.scene_at(y), self.settings, slack)
         return dataclasses.replace(self, room=needed) if self.room.lacks(needed) else self
 
 

@@ -2,6 +2,7 @@
 
 The first gives colours at any number of points of the pictures of any number of scenes; the second gives colours with
 their derivatives in forward mode. Each exists once by points and once edge-aware. Neither depends on a picture's size.
+Within a transformation of JAX the same two functions are a part of the caller's program.
 """
 
 import dataclasses
@@ -14,15 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.scene.scene import Scene, map_scenes, without_texels
+from raytrace_jax.scene.scene import Camera, Scene, map_scenes, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step, rays_through
 from raytrace_jax.tracer.levels.integrator import Trace, trace_channels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.run import Batches, Points, in_batches, map_batches, one_batch, scene_key
+from raytrace_jax.tracer.run import Batches, Capacity, Points, in_batches, map_batches, one_batch, scene_key
 from raytrace_jax.tracer.settings import AOVS
 from raytrace_jax.tracer.shading.image_texture import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
-from raytrace_jax.tracer.world import prepare_world
+from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import materialize
 
@@ -40,11 +41,16 @@ class Pixels(NamedTuple):
 
 
 class PixelDerivatives(NamedTuple):
-    """Each pixel's colour, the colour's derivatives, and whether the pixel is an area that sees an edge."""
+    """Each pixel's colour, the colour's derivatives, and whether the pixel is an area that sees an edge.
+
+    Args:
+        overflow: how many rays found no room, as `in_batches` tells.
+    """
 
     color: Float[np.ndarray, "3 pixels"]
     jacobian: Float[np.ndarray, "parameters 3 pixels"]
     sees_edge: Bool[np.ndarray, " pixels"]
+    overflow: Any = 0
 
 
 @runtime_checkable
@@ -56,11 +62,16 @@ class SceneFunction(Protocol):
         ...
 
 
-def picture_pixels(scene: Scene, settings: ResolvedSettings) -> Pixels:
-    """All pixels of a scene's picture, row by row from the top."""
+def picture_pixels(scene: Scene, settings: ResolvedSettings, numpy: Any = np) -> Pixels:
+    """All pixels of a scene's picture, row by row from the top.
+
+    Args:
+        numpy: what computes them; `jax.numpy` within a transformation of JAX, lest a program holds all points.
+    """
     x, y, width, height = settings.window(scene.camera.pixeldim)
-    row, column = np.divmod(np.arange(width * height), width)
-    points = np.stack(picture_place(scene.camera, settings, column + float(x), row + float(y)))
+    dtype = scene.camera.viewpoint.dtype if numpy is jnp else float
+    row, column = (part.astype(dtype) for part in numpy.divmod(numpy.arange(width * height), width))
+    points = numpy.stack(picture_place(scene.camera, settings, column + float(x), row + float(y)))
     return Pixels(points, pixel_step(scene.camera, settings))
 
 
@@ -70,16 +81,35 @@ def sample_offsets(samples: int) -> Float[np.ndarray, "samples 2"]:
     return np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
 
 
-def mean_of_samples(pixels: Pixels, samples: int, trace: Callable[[Points], Sequence[np.ndarray]]) -> list[np.ndarray]:
-    """The means over `samples` x `samples` points in each pixel of what is traced there, pixels on the last axis."""
+def mean_of_samples(
+    pixels: Pixels, samples: int, trace: Callable[[Points], tuple[Sequence[Any], Any]]
+) -> tuple[list[Any], Any]:
+    """The means over `samples` x `samples` points in each pixel of what is traced there, pixels on the last axis.
+
+    Args:
+        trace: what `in_batches` returns for points; they are traced if the pixels are.
+    """
     offsets, count = sample_offsets(samples) * pixels.step, pixels.points.shape[1]
+    if not isinstance(pixels.points, np.ndarray):
+        # One sample after the other. In reverse mode each is computed anew: memory for one of them is enough.
+        def add_sample(sums, offset):
+            found, overflow = trace(pixels.points + offset[:, None])
+            return [sum_ + each for sum_, each in zip(sums, found, strict=True)], overflow
+
+        if samples == 1:
+            found, overflow = trace(pixels.points)
+            return list(found), overflow
+        nothing = [jnp.zeros(x.shape, x.dtype) for x in jax.eval_shape(trace, pixels.points)[0]]
+        offsets = jnp.asarray(offsets, pixels.points.dtype)
+        sums, overflow = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), nothing, offsets)
+        return [sum_ / len(offsets) for sum_ in sums], jnp.max(overflow)
     sums: list[Any] = []
     # Some samples at a time: in small pictures many, so that each call has enough to do.
     for some in np.array_split(offsets, min(len(offsets), -(-len(offsets) * count // 100_000))):
         points = (pixels.points[:, None] + some.T[:, :, None]).reshape(2, -1)
-        found = [x.reshape(*x.shape[:-1], len(some), count).sum(axis=-2) for x in trace(points)]
+        found = [x.reshape(*x.shape[:-1], len(some), count).sum(axis=-2) for x in trace(points)[0]]
         sums = [*map(np.add, sums, found)] if sums else found
-    return [each / np.array(len(offsets), each.dtype) for each in sums]
+    return [each / np.array(len(offsets), each.dtype) for each in sums], 0
 
 
 def pixel_colors(
@@ -95,28 +125,37 @@ def pixel_colors(
     viewpoint, count = scenes.camera.viewpoint, points.shape[1]
     if not len(viewpoint) or not count:
         return np.zeros((len(viewpoint), 3, count), viewpoint.dtype)
-    return pixel_outputs(scenes, points, _of_points(settings, step), step)["color"]
+    return pixel_outputs(scenes, points, _of_points(settings, step), step)[0]["color"]
 
 
 def pixel_outputs(
-    scenes: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None
-) -> dict[str, np.ndarray]:
-    """The `color` at points, and the arbitrary output variables of the settings there, by name."""
+    scenes: Scene,
+    points: Points,
+    settings: ResolvedSettings,
+    step: Float[np.ndarray, "2"] | None,
+    room: Capacity | None = None,
+) -> tuple[dict[str, Any], Any]:
+    """The `color` at points, and the arbitrary output variables of the settings there, by name; and the overflow.
+
+    Args:
+        room: as for `in_batches`: within a transformation of JAX scenes and points are traced.
+    """
     settings, aov = settings.of_rays, settings.aov
-    scenes = map_scenes(np.asarray, dataclasses.replace(scenes, film=None))
+    scenes = map_scenes(np.asarray if room is None else jnp.asarray, dataclasses.replace(scenes, film=None))
     names, last = ("color", *aov), None
 
     def trace(batches: Batches):
         nonlocal last
         if last is None or not np.array_equal(last[0], batches.picture):
-            last = batches.picture, map_scenes(lambda x: x[batches.picture], scenes)
-        found, wanted = trace_batches(last[1], batches, settings, aov)
+            pictures = batches.picture if room is None else slice(1)
+            last = batches.picture, map_scenes(lambda x: x[pictures], scenes)
+        found, wanted = trace_batches(last[1], batches, settings, aov, reversible=room is not None)
         return tuple(found[name] for name in names), wanted
 
     viewpoint = scenes.camera.viewpoint
-    points = points.astype(viewpoint.dtype)
-    found = in_batches(len(viewpoint), points, step, scene_key(scenes, settings), settings, trace)
-    return dict(zip(names, found, strict=True))
+    points, key = points.astype(viewpoint.dtype), scene_key(scenes, settings)
+    found, overflow = in_batches(len(viewpoint), points, step, key, settings, trace, room)
+    return dict(zip(names, found, strict=True)), overflow
 
 
 def prepare_colors(scene: Scene, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None) -> None:
@@ -124,32 +163,42 @@ def prepare_colors(scene: Scene, settings: ResolvedSettings, step: Float[np.ndar
     settings = _of_points(settings, step).of_rays
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
     batches = one_batch(scene_key(scenes, settings), settings, scenes.camera.viewpoint.dtype)
-    trace_batches.prepare(map_scenes(lambda x: x[batches.picture], scenes), batches, settings, ())
+    trace_batches.prepare(map_scenes(lambda x: x[batches.picture], scenes), batches, settings)
 
 
 def _of_points(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -> ResolvedSettings:
     return dataclasses.replace(settings, edges="point" if step is None else "aware", samples=1, aov=())
 
 
-@functools.partial(jit, static_argnames=("settings", "aov"))
+@functools.partial(jit, static_argnames=("settings", "aov", "reversible"))
 def trace_batches(
-    scenes: Scene, batches: Batches, settings: ResolvedSettings, aov: tuple[str, ...]
+    scenes: Scene, batches: Batches, settings: ResolvedSettings, aov: tuple[str, ...] = (), reversible: bool = False
 ) -> tuple[dict[str, Array], Array]:
     """Trace batches of points, which are spread over devices.
+
+    Args:
+        scenes: the scene of each slot; if `reversible` the one scene of all.
+        reversible: whether reverse mode can go through it.
 
     Returns:
         The outputs by name, and how many rays each batch wanted.
     """
 
-    def trace_batch(pyramids: tuple[Pyramid, ...], scene: Scene, points: Float[Array, "2 rays"], count, step):
-        rays = rays_through(scene.camera, settings, points[0], points[1], step)
-        world = materialize(prepare_world(scene, settings, pyramids), count > 0)
-        traced = trace_channels(world, rays, count, settings, with_hits=bool(aov))
+    def lay_out(pyramids: tuple[Pyramid, ...], scene: Scene) -> tuple[Camera, World]:
+        return scene.camera, prepare_world(scene, settings, pyramids)
+
+    def trace_batch(common, scene, points: Float[Array, "2 rays"], count, step):
+        camera, world = common if reversible else materialize(lay_out(common, scene), count > 0)
+        rays = rays_through(camera, settings, points[0], points[1], step)
+        traced = trace_channels(world, rays, count, settings, with_hits=bool(aov), reversible=reversible)
         return {"color": traced.color, **output_variables(traced, aov)}, traced.wanted
 
     # Textures are filtered once for all batches: a loop would filter them again for each.
-    pyramids = prepare_pyramids(scenes, settings.edges)
-    return map_batches(trace_batch, pyramids, without_texels(scenes), batches)
+    pyramids, bare = prepare_pyramids(scenes, settings.edges), without_texels(scenes)
+    if reversible:
+        common = lay_out(pyramids, jax.tree.map(lambda x: x[0], bare))
+        return map_batches(trace_batch, common, (), batches, reversible)
+    return map_batches(trace_batch, pyramids, bare, batches, reversible)
 
 
 def output_variables(traced: Trace, aov: tuple[str, ...]) -> dict[str, Array]:
@@ -162,28 +211,34 @@ def output_variables(traced: Trace, aov: tuple[str, ...]) -> dict[str, Array]:
 
 
 def pixel_derivatives(
-    y: Float[Array, " parameters"], scene: Scene, pixels: Pixels, unknowns: SceneFunction, settings: ResolvedSettings
+    y: Float[Array, " parameters"],
+    scene: Scene,
+    pixels: Pixels,
+    unknowns: SceneFunction,
+    settings: ResolvedSettings,
+    room: Capacity | None = None,
 ) -> PixelDerivatives:
     """Colours of pixels, before any film, and their derivatives in forward mode.
 
     Args:
-        y: the numbers by which to differentiate, concrete.
+        y: the numbers by which to differentiate; concrete without `room`.
         settings: what to render; they say `edges`, and how often a pixel is sampled in each direction.
+        room: as for `in_batches`.
     """
     rays, y = settings.of_rays, jnp.asarray(y)
     key = scene_key(scene, rays)
 
     def trace(batches: Batches):
-        return differentiate_batches(y, scene, batches, unknowns, rays)
+        return differentiate_batches(y, scene, batches, unknowns, rays, reversible=room is not None)
 
     def trace_points(points: Points):
-        color, jacobian, sees_edge = in_batches(
-            1, points.astype(y.dtype), pixels.step, key, rays, trace, derivatives=True
+        (color, jacobian, sees_edge), overflow = in_batches(
+            1, points.astype(y.dtype), pixels.step, key, rays, trace, room, derivatives=True
         )
-        return color[0], jacobian[0], sees_edge[0].astype(y.dtype)
+        return (color[0], jacobian[0], sees_edge[0].astype(y.dtype)), overflow
 
-    color, jacobian, sees_edge = mean_of_samples(pixels, settings.samples, trace_points)
-    return PixelDerivatives(color, jacobian, sees_edge > 0)
+    (color, jacobian, sees_edge), overflow = mean_of_samples(pixels, settings.samples, trace_points)
+    return PixelDerivatives(color, jacobian, sees_edge > 0, overflow)
 
 
 def prepare_derivatives(
@@ -195,11 +250,19 @@ def prepare_derivatives(
     differentiate_batches.prepare(y, scene, batches, unknowns, rays)
 
 
-@functools.partial(jit, static_argnames=("unknowns", "settings"))
+@functools.partial(jit, static_argnames=("unknowns", "settings", "reversible"))
 def differentiate_batches(
-    y: Float[Array, " parameters"], scene: Scene, batches: Batches, unknowns: SceneFunction, settings: ResolvedSettings
+    y: Float[Array, " parameters"],
+    scene: Scene,
+    batches: Batches,
+    unknowns: SceneFunction,
+    settings: ResolvedSettings,
+    reversible: bool = False,
 ) -> tuple[tuple[Array, Array, Array], Array]:
     """Trace and differentiate batches of pixels, which are spread over devices.
+
+    Args:
+        reversible: whether reverse mode can go through it, for a second derivative.
 
     Returns:
         The fields of `PixelDerivatives` of each batch, and how many rays each wanted.
@@ -212,7 +275,7 @@ def differentiate_batches(
             moved = unknowns.moved(scene, y)
             rays = rays_through(moved.camera, settings, points[0], points[1], step)
             world = materialize(prepare_world(moved, settings, pyramids), count > 0)
-            traced = trace_channels(world, rays, count, settings)
+            traced = trace_channels(world, rays, count, settings, reversible=reversible)
             sees_edge = jnp.zeros(points.shape[1], bool) if traced.sees_edge is None else traced.sees_edge
             return traced.color, (sees_edge, traced.wanted)
 
@@ -225,4 +288,4 @@ def differentiate_batches(
         return (image, jacobian, sees_edge), wanted
 
     common = y, without_texels(scene), prepare_pyramids(scene, settings.edges)
-    return map_batches(trace_batch, common, (), batches)
+    return map_batches(trace_batch, common, (), batches, reversible)

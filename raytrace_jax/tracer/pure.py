@@ -1,13 +1,8 @@
-"""The picture as a pure function of the scene, for callers' own `jit`, `grad` and `vmap`: `make_renderer` offers it.
-
-The pixels' batches are a loop whose sizes are static: `room_for` measures them with concrete scenes. Each batch is
-computed anew in reverse mode, in the memory of one.
-"""
+"""The picture as a pure function of the scene, for callers' own `jit`, `grad` and `vmap`: `make_renderer` offers it."""
 
 import dataclasses
 import functools
-import math
-from typing import NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,56 +12,53 @@ from jaxtyping import Array, Float, Int
 from raytrace_jax.errors import SceneError, SettingsError
 from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.response import develop
-from raytrace_jax.scene.scene import Scene, check_scene, map_scenes
+from raytrace_jax.scene.scene import Scene, check_scene, map_scenes, without_texels
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.levels.integrator import trace_channels
-from raytrace_jax.tracer.pixels import output_variables, picture_pixels, pixel_outputs, sample_offsets
-from raytrace_jax.tracer.rendering import Film, refuse_too_large, render_concrete
+from raytrace_jax.tracer.derivatives import develop_derivatives
+from raytrace_jax.tracer.pixels import SceneFunction, picture_pixels, pixel_derivatives, pixel_outputs
+from raytrace_jax.tracer.rendering import Film, refuse_too_large, render_concrete, render_light
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.run import Capacity, capacity_for, known_need, scene_key, spread_out
+from raytrace_jax.tracer.run import NEEDS, Capacity, capacity_for, scene_key
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.world import MOST_SHAPES, prepare_world
+from raytrace_jax.tracer.world import MOST_SHAPES
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import is_traced, with_lower_ranks
 
+USUAL_NEEDS = {"point": 10.0, "aware": 24.0}
+"""Rays that a pixel of a batch may want before its scene was seen: of the project's own scenes 1 to 9, and 3 to 22."""
 
-class Room(NamedTuple):
-    """The sizes of a pure picture's batches; static and hashable.
+ROOMINESS = 2.0
+"""Room that is given rather than learnt is twice a picture's: of 16384 rays it wastes a quarter where the usual need is
+twice the real one, of 8192 three fifths (gradient of the course's scene by areas, 160 x 120)."""
+
+
+def room_for(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
+    """Room for the rays of a picture and of its derivative: what such a scene was last seen to want, or what is usual.
 
     Args:
-        derivative: of the derivative of a picture by points, which is that of areas; None where the derivative is the
-            picture's own, or edge-aware tracing cannot take the scene.
+        slack: room for more rays than that, as a factor.
     """
-
-    picture: Capacity
-    derivative: Capacity | None = None
-
-    def lacks(self, needed: "Room") -> bool:
-        """Whether this room is too small where another one is needed."""
-        pairs = zip((self.picture, self.derivative), (needed.picture, needed.derivative), strict=True)
-        return any(a and b and (a.rays < b.rays or a.pixels > b.pixels) for a, b in pairs)
+    settings, scene = _most_rays(scene, settings), dataclasses.replace(scene, film=None)
+    seen = NEEDS.get(scene_key(scene, settings))
+    return capacity_for(slack * seen if seen else USUAL_NEEDS[settings.edges or "aware"], ROOMINESS)
 
 
-def room_for(scene: Scene, settings: ResolvedSettings, slack: float) -> Room:
-    """Room for the rays of a picture."""
-    has_derivative = settings.edges is None and len(scene.shape_order) <= MOST_SHAPES
-    derivative = _measured(scene, settings.of_derivative, slack) if has_derivative else None
-    return Room(_measured(scene, settings.of_points, slack), derivative)
-
-
-def _measured(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
-    """The capacity of a batch, from tracing some pixels that are spread over the picture."""
-    settings = dataclasses.replace(settings, samples=1, aov=())
+def measured_room(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
+    """`room_for` a scene with concrete values that is traced for it."""
+    of_rays = _most_rays(scene, settings)
     pixels = picture_pixels(scene, settings)
-    some = pixels.points[:, spread_out(pixels.points.shape[1])[0][:4096]]
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
-    pixel_outputs(scenes, some, settings, pixels.step)
-    return capacity_for(slack * known_need(scene_key(scenes, settings.of_rays), settings), derivatives=True)
+    pixel_outputs(scenes, pixels.points[:, :: 1 + pixels.points.shape[1] // 4096], of_rays, pixels.step)
+    return room_for(scene, settings, slack)
+
+
+def _most_rays(scene: Scene, settings: ResolvedSettings) -> ResolvedSettings:
+    """The settings of what has most rays: the derivative, if edge-aware tracing can take the scene."""
+    return (settings.of_derivative if len(scene.shape_order) <= MOST_SHAPES else settings.of_points).of_rays
 
 
 @with_lower_ranks
-def pure_picture(scene: Scene, settings: ResolvedSettings, room: Room) -> Film:
+def pure_picture(scene: Scene, settings: ResolvedSettings, room: Capacity) -> Film:
     """The picture; `film.overflow` is positive where rays found no room.
 
     Args:
@@ -75,12 +67,14 @@ def pure_picture(scene: Scene, settings: ResolvedSettings, room: Room) -> Film:
     film, frame = scene.film, settings.frame(scene.camera.pixeldim)
     scene = dataclasses.replace(scene, film=None)
     if settings.edges:
-        light = trace_light(scene, settings, room.picture)
-        return dataclasses.replace(light, image=develop(light.image, film, frame))
-    # AOVs have no area: where there are some, their derivative is that of points.
-    light = trace_light(scene if settings.aov else jax.lax.stop_gradient(scene), settings.of_points, room.picture)
-    image, overflow = moved_by_areas(scene, light.image, light.overflow, settings, room)
-    return Film(develop(image, film, frame), light.aov, overflow)
+        light = render_light(differentiable_once(scene) if settings.edges == "aware" else scene, settings, room)
+    else:
+        # AOVs have no area: where there are some, their derivative is that of points.
+        fixed = scene if settings.aov else jax.lax.stop_gradient(scene)
+        light = render_light(fixed, settings.of_points, room)
+        image, overflow = moved_by_areas(scene, light.image, light.overflow, settings, room)
+        light = Film(image, light.aov, overflow)
+    return dataclasses.replace(light, image=develop(light.image, film, frame))
 
 
 compiled_picture = jit(pure_picture, static_argnames=("settings", "room"))
@@ -93,7 +87,7 @@ def moved_by_areas(
     image: Float[Array, "3 height width"],
     overflow: Int[Array, ""],
     settings: ResolvedSettings,
-    room: Room,
+    room: Capacity,
 ) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
     """The light at the pixels' points with the derivative of the light on their areas, and how many rays found no room.
 
@@ -105,15 +99,12 @@ def moved_by_areas(
 
 @moved_by_areas.defjvp
 @with_lower_ranks
-def _moved_by_areas(settings: ResolvedSettings, room: Room, primals, tangents):
+def _moved_by_areas(settings: ResolvedSettings, room: Capacity, primals, tangents):
     scene, image, overflow = primals
-    capacity = room.derivative
-    if capacity is None:
-        prepare_world(scene, settings.of_derivative)  # Refuses a scene of too many shapes.
-        raise SettingsError("this renderer was made for settings that say `edges`, and these do not.")
 
     def light_on_areas(scene: Scene) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
-        light = trace_light(scene, dataclasses.replace(settings.of_derivative, aov=()), capacity)
+        settings_of_areas = dataclasses.replace(settings.of_derivative, aov=())
+        light = render_light(differentiable_once(scene), settings_of_areas, room)
         return light.image, light.overflow
 
     _, moved, more = jax.jvp(light_on_areas, (scene,), (tangents[0],), has_aux=True)
@@ -131,12 +122,13 @@ def differentiable_once(scene: Scene) -> Scene:
 
 
 def _differentiable_once(primals, tangents):
-    return _not_differentiable(*primals), *tangents
+    return not_differentiable(*primals), *tangents
 
 
 @jax.custom_jvp
-def _not_differentiable(scene: Scene) -> Scene:
-    return scene
+def not_differentiable(values: Any) -> Any:
+    """The values themselves, with respect to which nothing may be differentiated."""
+    return values
 
 
 def _refuse_derivative(primals, tangents):
@@ -150,70 +142,67 @@ def _refuse_derivative(primals, tangents):
 
 
 differentiable_once.defjvp(_differentiable_once, symbolic_zeros=True)
-_not_differentiable.defjvp(_refuse_derivative, symbolic_zeros=True)
+not_differentiable.defjvp(_refuse_derivative, symbolic_zeros=True)
 
 
-def trace_light(scene: Scene, settings: ResolvedSettings, capacity: Capacity) -> Film:
-    """The light that the camera receives, before any film."""
-    if settings.edges == "aware":
-        scene = differentiable_once(scene)
-    x, y, width, height = settings.window(scene.camera.pixeldim)
-    total, dtype = width * height, scene.camera.viewpoint.dtype
-    world = prepare_world(scene, settings)
+@functools.partial(jax.custom_jvp, nondiff_argnums=(2, 3, 4))
+def picture_at(
+    y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity
+) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
+    """The picture of a scene at the numbers `y`, and how many rays found no room.
 
-    # Each batch has every n-th pixel. If n shares no factor with the width, these are spread over all columns.
-    batches = max(1, -(-total // capacity.pixels))
-    while math.gcd(batches, width) > 1:
-        batches += 1
+    Each derivative that a transformation takes by itself would be another copy of the tracer in its program. All
+    derivatives by `y` are products with one Jacobian, which rides along with the picture in forward mode.
+    """
+    film = compiled_picture(unknowns.moved(scene, y), settings, room)
+    return film.image, film.overflow
 
-    # One sample of each pixel of a batch.
-    def trace_offset(batch: Int[Array, ""], offset: Float[Array, "2"]):
-        number = jnp.arange(capacity.rays // 2, dtype=jnp.int32) * batches + batch
-        column, row = x + number % width, y + number // width
-        rays = camera_rays(scene.camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
-        count = (total - batch + batches - 1) // batches
-        return trace_channels(world, rays, count, settings, with_hits=bool(settings.aov), reversible=True)
 
-    # The mean over the samples. In reverse mode each sample is computed anew: memory for one of them is enough.
-    def batch_color(batch):
-        def add_sample(sum_, offset):
-            traced = trace_offset(batch, offset)
-            return sum_ + traced.color, traced.wanted
+def _picture_at_jvp(unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity, primals, tangents):
+    def is_zero(tangent: Any) -> bool:
+        return isinstance(tangent, jax.custom_derivatives.SymbolicZero)
 
-        if settings.samples == 1:
-            return add_sample(0, jnp.zeros(2, dtype))
-        offsets = sample_offsets(settings.samples)
-        black = jnp.zeros((3, capacity.rays // 2), dtype)
-        sum_, wanted = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), black, jnp.asarray(offsets, dtype))
-        return sum_ / len(offsets), jnp.max(wanted)
+    if is_zero(tangents[0]) or not all(map(is_zero, jax.tree.leaves(tangents[1]))):
+        # The scene's own numbers change too.
+        full = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype) if is_zero(x) else x, tangents)
+        plain = functools.partial(picture_at.fun, unknowns=unknowns, settings=settings, room=room)
+        return jax.jvp(plain, primals, full)
+    image, jacobian, overflow = picture_jacobian(*primals, unknowns, settings, room)
+    return (image, overflow), (jnp.tensordot(tangents[0], jacobian, 1), np.zeros((), jax.dtypes.float0))
 
-    # AOVs are those of the pixel's own point: a mean of places or of numbers of shapes would mean nothing.
-    def batch_outputs(batch):
-        color, wanted = batch_color(batch)
-        aov = output_variables(trace_offset(batch, jnp.zeros(2, dtype)), settings.aov) if settings.aov else {}
-        return color, aov, wanted
 
-    color, aov, wanted = jax.lax.map(
-        jax.checkpoint(batch_outputs, prevent_cse=False), jnp.arange(batches, dtype=jnp.int32)
-    )
+picture_at.defjvp(_picture_at_jvp, symbolic_zeros=True)
 
-    # A batch has every n-th pixel: its number is the fastest index.
-    def to_image(values):
-        pixels = jnp.moveaxis(values[..., : -(-total // batches)], 0, -1)
-        return pixels.reshape(*values.shape[1:-1], -1)[..., :total].reshape(*values.shape[1:-1], height, width)
 
-    overflow = jnp.maximum(jnp.max(wanted) - capacity.rays, 0)
-    return Film(to_image(color), {name: to_image(values) for name, values in aov.items()}, overflow)
+@functools.partial(jit, static_argnames=("unknowns", "settings", "room"))
+def picture_jacobian(
+    y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity
+) -> tuple[Float[Array, "3 height width"], Float[Array, "parameters 3 height width"], Int[Array, ""]]:
+    """The picture at `y`, its derivatives by all of `y`, and how many rays found no room."""
+    _, _, width, height = settings.window(scene.camera.pixeldim)
+    moved, pixels = unknowns.moved(scene, y), picture_pixels(scene, settings, jnp)
+    fixed, its_scene = not_differentiable((y, scene)) if settings.edges != "point" else (y, scene)
+    light = pixel_derivatives(fixed, its_scene, pixels, unknowns, settings.of_derivative, room)
+    image, jacobian, overflow = jnp.asarray(light.color), jnp.asarray(light.jacobian), light.overflow
+    image, jacobian = image.reshape(3, height, width), jacobian.reshape(-1, 3, height, width)
+    if not settings.edges:
+        # Without `edges` the picture is that of points, and only the derivative that of areas.
+        points = render_light(moved, dataclasses.replace(settings.of_points, aov=()), room)
+        image, overflow = points.image, overflow + points.overflow
+    if scene.film is not None:
+        frame = settings.frame(scene.camera.pixeldim)
+        image, jacobian = develop_derivatives(image, jacobian, y, without_texels(scene), unknowns, frame)
+    return image, jacobian, overflow
 
 
 MOVING_SLACK = 1.3
-"""Room for the rays that a scene may grow while its parameters move, before a program must be compiled anew."""
+"""Room for more rays than a scene was seen to want: its parameters move before a program must be compiled anew."""
 
 
 class Renderer:
     """`renderer(scene)` is the scene's `Film`; see `make_renderer`."""
 
-    def __init__(self, settings: ResolvedSettings, room: Room, model: ModelName):
+    def __init__(self, settings: ResolvedSettings, room: Capacity, model: ModelName):
         self.settings, self.room, self.model = settings, room, model
 
     def __call__(self, scene: Scene) -> Film:
@@ -242,8 +231,7 @@ class Renderer:
 
         Functions that were traced before keep the old sizes: if this returns True, apply `jax.jit` to them anew.
         """
-        needed = room_for(scene, self.settings, 1.0)
-        if not self.room.lacks(needed):
+        if not self.room.lacks(measured_room(scene, self.settings, 1.0)):
             return False
         self.room = room_for(scene, self.settings, MOVING_SLACK)
         return True
@@ -252,7 +240,7 @@ class Renderer:
 def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: float = MOVING_SLACK) -> Renderer:
     """Make a renderer for all scenes of one structure; it works under `jax.jit`, `jax.grad`, `jax.jvp` and `jax.vmap`.
 
-    The sizes of a program's arrays are measured here, so that the scene may be traced afterwards::
+    The sizes of a program's arrays are chosen here, so that the scene may be traced afterwards::
 
         renderer = make_renderer(scene, settings)
         loss = lambda scene: ((renderer(scene).image - target) ** 2).mean()
@@ -267,7 +255,7 @@ def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: f
     Args:
         scene: concrete values; scenes given to the renderer have the same structure.
         settings: what to render; None is what the scene's file says.
-        slack: room for more rays than this scene has, as a factor.
+        slack: room for more rays than such a scene was last seen to want, as a factor.
 
     Returns:
         The renderer: `renderer(scene)` is the scene's film.
@@ -280,7 +268,7 @@ def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: f
     """
     settings = resolve_settings(scene, settings)
     if is_traced(scene):
-        raise ValueError("make_renderer() measures a scene's values: call it outside of JAX's transformations")
+        raise ValueError("make_renderer() needs a scene's values: call it outside of JAX's transformations")
     settings.window(scene.camera.pixeldim)
     check_values(scene)
     refuse_too_large(scene, settings)

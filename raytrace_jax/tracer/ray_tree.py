@@ -6,26 +6,19 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from raytrace_jax.errors import RaytraceError, SettingsError
 from raytrace_jax.optics import refract
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, unpacked
-from raytrace_jax.tracer.levels.compaction import BLOCK, Packing, pack_rays
-from raytrace_jax.tracer.levels.integrator import (
-    ChildResult,
-    Level,
-    RayRecord,
-    combine,
-    trace_level,
-)
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, unpacked
+from raytrace_jax.tracer.levels.integrator import trace_queue
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.model import materials_at
 from raytrace_jax.tracer.shading.models import MODELS
-from raytrace_jax.tracer.world import World, prepare_world
+from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import dot
 
@@ -93,18 +86,8 @@ class RayTree(NamedTuple):
     dropped: int
 
 
-MOST_RAYS = 64 * BLOCK
-"""No level of a tree may hold more rays: the tree could not be read, and doubles with each further bounce."""
-
-
-class TracedLevel(NamedTuple):
-    """One level of the tree: its rays, what became of them, and where the next level's come from (None: nowhere)."""
-
-    rays: Rays
-    live: Bool[Array, " rays"]
-    level: Level
-    details: dict[str, Array]
-    packing: Packing | None
+MOST_RAYS = 8192
+"""No tree may have more rays: it could not be read, and doubles with each further bounce."""
 
 
 def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | None = None) -> RayTree:
@@ -119,7 +102,7 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
     Raises:
         SettingsError: a pixel outside of the picture or of the crop, a crop outside of the picture, or settings for
             which a pixel is not one ray.
-        RaytraceError: more than 4096 rays after one number of bounces.
+        RaytraceError: more than 8192 rays.
     """
     settings = resolve_settings(scene, settings)
     x, y, width, height = settings.window(scene.camera.pixeldim)
@@ -134,150 +117,79 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
     if settings.edges == "aware":
         raise SettingsError(f"edges is {settings.edges!r}; a tree of rays is that of a point.")
 
-    dtype = scene.camera.viewpoint.dtype
-    world, rays = _start(scene, jnp.full(BLOCK, column, dtype), jnp.full(BLOCK, row, dtype), settings)
-    levels = _descend(world, rays, settings)
-    nodes, dropped = _as_nodes(levels, _colors(levels, settings), scene.shape_order)
-    return RayTree((column, row), nodes, dropped)
+    tail, found = jax.tree.map(np.asarray, _trace(scene, float(column), float(row), settings))
+    if tail > MOST_RAYS:
+        raise RaytraceError(f"the tree has more than {MOST_RAYS} rays; allow fewer bounces.")
+    found = {name: values[..., :tail] for name, values in found.items()}
+    dropped = int(np.sum(found["wanted"] & (found["number"] == settings.levels)))
+    return RayTree((column, row), _as_nodes(found, scene.shape_order), dropped)
 
 
 @functools.partial(jit, static_argnames="settings")
-def _start(
-    scene: Scene, column: Float[Array, " rays"], row: Float[Array, " rays"], settings: ResolvedSettings
-) -> tuple[World, Rays]:
-    return prepare_world(scene, settings), camera_rays(scene.camera, settings, column, row)
+def _trace(
+    scene: Scene, column: Float[Array, ""], row: Float[Array, ""], settings: ResolvedSettings
+) -> tuple[Int[Array, ""], dict[str, Array]]:
+    """How many rays a pixel's tree has, and what there is to tell of each place of their queue, by name."""
+    dtype, world = scene.camera.viewpoint.dtype, prepare_world(scene, settings)
+    place = (jnp.full(MOST_RAYS // 2, x, dtype) for x in (column, row))
+    queue, results = trace_queue(world, camera_rays(scene.camera, settings, *place), 1, settings, with_hits=True)
+    rays, record, si = unpacked(queue.rays), queue.traced, queue.traced.si
+    assert si is not None
+    found = {"number": queue.number, "color": results.color, "o": rays.o, "d": rays.d, "valid": record.valid}
+    found |= {"shape": si.shape, "p": si.p, "n": si.n, "distance": si.t, "path_length": si.path_length}
+    surface = record.scattering.surface
+    if surface is None or record.wanted is None:  # An empty scene.
+        nothing = jnp.zeros((0, record.valid.size), bool)
+        return queue.tail, found | {"children": nothing, "wanted": nothing}
+
+    # What the tracer does not keep: angles, weights and media.
+    model, d_dot_n = MODELS[settings.model], dot(rays.d, si.n)
+    media = model.media(world, si, d_dot_n < 0, settings)
+    _, cos_theta_t, total = refract(rays.d, si.n, media.eta)
+    transparent = si.valid & (model.transparency(materials_at(world, si)) > 0)
+    reflect, transmit = jnp.where(record.wanted, jnp.stack(model.child_weights(surface)), 0)
+    found |= {"children": record.children, "wanted": record.wanted, "entering": d_dot_n < 0}
+    found |= {"theta_i": jnp.arccos(jnp.clip(jnp.abs(d_dot_n), 0, 1)), "total": total & transparent}
+    found |= {"theta_t": jnp.where(transparent & ~total, jnp.arccos(jnp.clip(cos_theta_t, -1, 1)), -1)}
+    found |= {"reflect": reflect, "transmit": transmit}
+    if media.left is not None and media.front is not None:
+        found |= {"medium": media.front, "absorbed": 1 - jnp.mean(media.left, axis=0)}
+    return queue.tail, found
 
 
-def _descend(world: World, rays: Rays, settings: ResolvedSettings) -> list[TracedLevel]:
-    """Trace level after level; arrays are padded, so that levels of up to 64 rays are one compiled program."""
-    live = jnp.arange(BLOCK) == 0
-    levels: list[TracedLevel] = []
-    for bounce in range(settings.bounces + 1):
-        level, details, below = _step_with_room(world, rays, live, bounce, settings)
-        if below is None or bounce == settings.bounces or int(below[1].count) == 0:
-            return [*levels, TracedLevel(rays, live, level, details, None)]
-        levels.append(TracedLevel(rays, live, level, details, below[1]))
-        rays, live = below[0], below[1].live
-    return levels
-
-
-def _step_with_room(world: World, rays: Rays, live: Bool[Array, " rays"], bounce: int, settings: ResolvedSettings):
-    """`_step` with room for all rays of the next level."""
-    capacity = BLOCK
-    while True:
-        found = _step(world, rays, live, jnp.full(live.shape, bounce, jnp.int32), settings, capacity)
-        count = 0 if found[2] is None else int(found[2][1].count)
-        if count <= capacity:
-            return found
-        if count > MOST_RAYS:
-            wanted = f"{count} rays after {bounce + 1} bounces"
-            raise RaytraceError(f"the tree has {wanted}, more than {MOST_RAYS}; allow fewer bounces.")
-        capacity = -(-count // BLOCK) * BLOCK
-
-
-@functools.partial(jit, static_argnames=("settings", "capacity"))
-def _step(
-    world: World,
-    rays: Rays,
-    live: Bool[Array, " rays"],
-    number: Int[Array, " rays"],
-    settings: ResolvedSettings,
-    capacity: int,
-) -> tuple[Level, dict[str, Array], tuple[Rays, Packing] | None]:
-    """One level as the tracer has it, the angles and weights that it does not keep, and the next level's rays."""
-    level = trace_level(world, rays, live, number, settings)
-    if not level.children:  # An empty scene.
-        return level, {}, None
-    model, material = MODELS[settings.model], materials_at(world, level.si)
-    d_dot_n = dot(rays.d, level.si.n)
-    entering = d_dot_n < 0
-    media = model.media(world, level.si, entering, settings)
-    _, cos_theta_t, total = refract(rays.d, level.si.n, media.eta)
-    reflect, transmit = model.child_weights(level.scattering.surface)
-    transparent = level.si.valid & (model.transparency(material) > 0)
-    wanted = jnp.stack([kind for kind, _ in level.children])
-    details = {
-        "entering": entering,
-        "cos_theta_i": jnp.abs(d_dot_n),
-        "cos_theta_t": cos_theta_t,
-        "total": total & transparent,
-        "refracted": transparent & ~total,
-        "weights": jnp.where(wanted, jnp.stack([reflect, transmit]), 0),
-    }
-    if media.left is not None:
-        details |= {"medium": media.front, "absorbed": 1 - jnp.mean(media.left, axis=0)}
-    children, packing = pack_rays(level.children, capacity)
-    return level, details, (unpacked(children), packing)
-
-
-def _colors(levels: list[TracedLevel], settings: ResolvedSettings) -> list[np.ndarray]:
-    """The colours that the rays of each level bring back, blended from the deepest level up."""
-    color, colors = jnp.zeros_like(levels[-1].rays.o), []
-    for traced in reversed(levels):
-        color = _blend(settings, color, traced.level, traced.packing)
-        colors.insert(0, np.asarray(color))
-    return colors
-
-
-@functools.partial(jit, static_argnames="settings")
-def _blend(settings: ResolvedSettings, color, level: Level, packing: Packing | None):
-    # The place after the last one is black: that of children which were not traced.
-    below = ChildResult(jnp.pad(color, ((0, 0), (0, 1))), None, None)
-    children = jnp.zeros((0, level.si.valid.size), jnp.int32) if packing is None else packing.slot
-    return combine(settings, below, RayRecord.of(level, jnp.zeros(1, jnp.int32), children)).color
-
-
-def _as_nodes(
-    levels: list[TracedLevel], colors: list[np.ndarray], names: tuple[str, ...]
-) -> tuple[tuple[RayNode, ...], int]:
-    """The rays of all levels as nodes, and how many the last level wanted in vain."""
+def _as_nodes(found: dict[str, np.ndarray], names: tuple[str, ...]) -> tuple[RayNode, ...]:
+    """The rays of a queue as nodes, level by level; what is told of a hit is nothing where there is none."""
     nodes: list[RayNode] = []
-    origins: list[tuple[int | None, RayKind]] = [(None, "camera")]
-    dropped = 0
-    for bounce, (traced, color) in enumerate(zip(levels, colors, strict=True)):
-        # To numpy once a level: entries of arrays on a device are slow to take one by one.
-        rays, si, details = jax.tree.map(np.asarray, (traced.rays, traced.level.si, traced.details))
-        # A node for each ray of the level; its weight is its parent's times what the parent sends its way.
-        first, slots = len(nodes), rays.o.shape[-1]
-        for slot, (parent, kind) in enumerate(origins):
-            above = None if parent is None else nodes[parent]
-            weight = above.weight * (above.reflect if kind == "reflected" else above.transmit) if above else 1.0
-            valid = bool(si.valid[slot])
-            medium = int(details["medium"][slot]) if valid and "medium" in details else NO_SHAPE
-            angle = _angle(details, "cos_theta_t", slot) if valid and details["refracted"][slot] else None
-            nodes.append(
-                RayNode(
-                    number=len(nodes),
-                    parent=parent,
-                    kind=kind,
-                    bounce=bounce,
-                    weight=weight,
-                    o=rays.o[:, slot],
-                    d=rays.d[:, slot],
-                    shape=names[si.shape[slot]] if valid else None,
-                    p=si.p[:, slot],
-                    n=si.n[:, slot],
-                    distance=float(si.t[slot]),
-                    path_length=float(si.path_length[slot]),
-                    entering=valid and bool(details["entering"][slot]),
-                    theta_i=_angle(details, "cos_theta_i", slot) if valid else 0.0,
-                    theta_t=angle,
-                    total=valid and bool(details["total"][slot]),
-                    reflect=float(details["weights"][0, slot]) if valid else 0.0,
-                    transmit=float(details["weights"][1, slot]) if valid else 0.0,
-                    color=color[:, slot],
-                    medium=None if medium == NO_SHAPE else names[medium],
-                    absorbed=0.0 if medium == NO_SHAPE else float(details["absorbed"][slot]),
-                )
+    # Whose child sits in which place of the queue; parents come before their children.
+    origins: dict[int, tuple[int | None, RayKind]] = {0: (None, "camera")}
+    for number, place in enumerate(np.argsort(found["number"], kind="stable").tolist()):
+        own = {name: values[..., place] for name, values in found.items()}
+        origins |= {child: (number, kind) for child, kind in zip(own["children"].tolist(), KINDS, strict=False)}
+        parent, kind = origins[place]
+        # Its weight is its parent's times what the parent sends its way.
+        above = None if parent is None else nodes[parent]
+        weight = above.weight * (above.reflect if kind == "reflected" else above.transmit) if above else 1.0
+        told = own if own["valid"] else {}
+        theta_t, medium = float(told.get("theta_t", -1)), int(told.get("medium", NO_SHAPE))
+        nodes.append(
+            RayNode(
+                number=number,
+                parent=parent,
+                kind=kind,
+                bounce=int(own["number"]),
+                weight=weight,
+                shape=names[told["shape"]] if told else None,
+                distance=float(own["distance"]),
+                path_length=float(own["path_length"]),
+                entering=bool(told.get("entering", False)),
+                theta_i=float(told.get("theta_i", 0)),
+                theta_t=None if theta_t < 0 else theta_t,
+                total=bool(told.get("total", False)),
+                reflect=float(told.get("reflect", 0)),
+                transmit=float(told.get("transmit", 0)),
+                medium=None if medium == NO_SHAPE else names[medium],
+                absorbed=0.0 if medium == NO_SHAPE else float(told["absorbed"]),
+                **{name: own[name] for name in ("o", "d", "p", "n", "color")},
             )
-        # Whose child sits in which slot of the next level. The last level's children have none and are dropped.
-        if traced.packing is not None:
-            places = np.asarray(traced.packing.candidate)[: int(traced.packing.count)].tolist()
-            origins = [(first + place % slots, KINDS[place // slots]) for place in places]
-        elif traced.level.children:
-            dropped = int(sum(np.sum(np.asarray(wanted)) for wanted, _ in traced.level.children))
-    return tuple(nodes), dropped
-
-
-def _angle(details: dict[str, np.ndarray], name: str, slot: int) -> float:
-    return float(np.arccos(np.clip(details[name][slot], -1, 1)))
+        )
+    return tuple(nodes)

@@ -4,6 +4,7 @@ import dataclasses
 import io
 import os
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -23,6 +24,7 @@ from raytrace_jax.scene.response import develop_compiled, without_idle
 from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.tracer.pixels import mean_of_samples, picture_pixels, pixel_outputs
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
+from raytrace_jax.tracer.run import Capacity
 from raytrace_jax.tracer.settings import AOVS, RenderSettings
 from raytrace_jax.util.numerics import is_traced
 from raytrace_jax.util.session import free_memory
@@ -150,27 +152,44 @@ def render(scene: Scene, settings: RenderSettings | None = None) -> Film:
     return render_concrete(scene, settings.of_points)
 
 
-def render_concrete(scene: Scene, settings: ResolvedSettings) -> Film:
-    """The film of a scene that was checked, by settings that say `edges`."""
+def render_light(scene: Scene, settings: ResolvedSettings, room: Capacity | None = None) -> Film:
+    """What falls on the film of a scene that was checked, by settings that say `edges`.
+
+    Args:
+        room: as for `in_batches`: within a transformation of JAX the scene is traced, and rays may find no room.
+    """
+    numpy: Any = np if room is None else jnp
     _, _, width, height = settings.window(scene.camera.pixeldim)
-    scenes = map_scenes(lambda x: np.asarray(x)[None], scene)
-    pixels = picture_pixels(scene, settings)
+    scenes = map_scenes(lambda x: numpy.asarray(x)[None], dataclasses.replace(scene, film=None))
+    pixels = picture_pixels(scene, settings, numpy)
     step = pixels.step if settings.edges == "aware" else None
 
-    def outputs(points, aov):
-        return pixel_outputs(scenes, points, dataclasses.replace(settings, aov=aov), step)
+    def outputs(points, aov=settings.aov):
+        return pixel_outputs(scenes, points, dataclasses.replace(settings, aov=aov), step, room)
 
-    # The mean over the samples, and the variables of the pixels' own points.
+    # The mean over the samples, and the variables of the pixels' own points: their means would mean nothing.
     if settings.samples == 1:
-        found = outputs(pixels.points, settings.aov)
+        found, overflow = outputs(pixels.points)
     else:
-        [mean] = mean_of_samples(pixels, settings.samples, lambda points: [outputs(points, ())["color"]])
-        found = (outputs(pixels.points, settings.aov) if settings.aov else {}) | {"color": mean}
-    # Put there as they are: `jnp.asarray` would compile a program for each size.
-    aov = jax.device_put({name: x[0].reshape(*x.shape[1:-1], height, width) for name, x in found.items()})
-    image = aov.pop("color")
 
+        def colors(points):
+            found, overflow = outputs(points, ())
+            return [found["color"]], overflow
+
+        [mean], overflow = mean_of_samples(pixels, settings.samples, colors)
+        found = (outputs(pixels.points)[0] if settings.aov else {}) | {"color": mean}
+    aov = {name: x[0].reshape(*x.shape[1:-1], height, width) for name, x in found.items()}
+    if room is None:
+        # Put there as they are: `jnp.asarray` would compile a program for each size.
+        aov, overflow = jax.device_put((aov, np.int32(overflow)))
+    return Film(aov.pop("color"), aov, overflow)
+
+
+def render_concrete(scene: Scene, settings: ResolvedSettings) -> Film:
+    """The film of a scene that was checked, by settings that say `edges`."""
+    light = render_light(scene, settings)
+    if scene.film is None:
+        return light
     # No effect of the film that does nothing is computed.
-    if scene.film is not None:
-        image = develop_compiled(image, without_idle(scene.film), settings.frame(scene.camera.pixeldim))
-    return Film(image, aov, jnp.zeros((), jnp.int32))
+    frame = settings.frame(scene.camera.pixeldim)
+    return dataclasses.replace(light, image=develop_compiled(light.image, without_idle(scene.film), frame))

@@ -1,13 +1,13 @@
 """Pixels in batches: one program for any number of them, of pictures, and of sizes.
 
 A batch's arrays have fixed sizes. How many pixels find room in them is learnt by tracing: what finds no room is traced
-again with fewer pixels a batch, so that nothing is counted beforehand and nothing is compiled anew.
+again with fewer pixels a batch, so that nothing is counted beforehand and nothing is compiled anew. Within a
+transformation of JAX nothing can be traced again: sizes are given, and the rays that find no room are counted.
 """
 
-import functools
 import math
 from collections.abc import Callable, Hashable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,9 @@ from jaxtyping import Array, Float, Int
 from raytrace_jax.tracer.levels.compaction import in_blocks
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-Points = Float[np.ndarray, "2 points"]
+AnyArray = TypeVar("AnyArray", Array, np.ndarray)
+
+Points = Float[np.ndarray, "2 points"] | Float[Array, "2 points"]
 """Places in a picture: from its left border, 0, to the right one, 1; and from its lower border to the upper one."""
 
 BATCHES = 32
@@ -35,10 +37,14 @@ FILLED = 0.95
 
 
 class Capacity(NamedTuple):
-    """The sizes of a batch."""
+    """The sizes of a batch; static and hashable."""
 
     rays: int
     pixels: int
+
+    def lacks(self, needed: "Capacity") -> bool:
+        """Whether it is too small where another one is needed."""
+        return self.rays < needed.rays or self.pixels > needed.pixels
 
 
 NEEDS: dict[Hashable, float] = {}
@@ -55,9 +61,13 @@ def known_need(key: Hashable, settings: ResolvedSettings) -> float:
     return NEEDS.get(key, 6.0 if settings.edges == "aware" else 4.0)
 
 
-def capacity_for(need: float, derivatives: bool = False) -> Capacity:
-    """The sizes of batches of pixels that want so many rays each."""
-    rays = (RAYS if jax.default_backend() == "cpu" else 1 << 18) // (2 if derivatives else 1)
+def capacity_for(need: float, factor: float = 1.0) -> Capacity:
+    """The sizes of batches of pixels that want so many rays each.
+
+    Args:
+        factor: how many more rays than a picture's batch there are.
+    """
+    rays = int(factor * (RAYS if jax.default_backend() == "cpu" else 1 << 18))
     if need > FILLED * rays:
         return Capacity(16 * in_blocks(need / FILLED / 16), 1)
     return Capacity(rays, min(rays // 2, int(FILLED * rays / need)))
@@ -74,27 +84,57 @@ class Batches(NamedTuple):
     """
 
     picture: Int[np.ndarray, " slots"]
-    points: Float[np.ndarray, "slots 2 places"]
+    points: Float[Array, "slots 2 places"] | Float[np.ndarray, "slots 2 places"]
     counts: Int[np.ndarray, "devices 2"]
     steps: Float[np.ndarray, "devices 2"]
 
 
+def cut(points: int, most: int) -> tuple[int, int]:
+    """The number of batches, and the size of each, of points of which so many find room in one.
+
+    Each batch has every n-th point. If n shares no factor with their number, a batch is spread over all columns.
+    """
+    batches = -(-points // most)
+    while math.gcd(batches, points) > 1:
+        batches += 1
+    return batches, -(-points // batches)
+
+
+def together(rows: AnyArray, points: int) -> AnyArray:
+    """What was found for points that were `cut`, "batches ... size", in their order: "... points"."""
+    spread = rows.transpose((*range(1, rows.ndim), 0))
+    return spread.reshape((*spread.shape[:-2], -1))[..., :points]
+
+
 def fill_slots(
-    picture: Int[np.ndarray, " batches"],
-    points: Float[np.ndarray, "2 batches pixels"],
+    number: Int[np.ndarray, " batches"],
+    points: Points,
     step: Float[np.ndarray, "2"] | None,
-    rays: int,
+    room: Capacity,
 ) -> Batches:
-    """Batches in their slots, with places for half as many pixels as rays find room."""
-    devices, (_, batches, pixels) = jax.device_count(), points.shape
-    source = np.zeros(BATCHES * devices, int)
-    source[slots_of(batches)] = np.arange(batches)
-    places = np.zeros((len(source), 2, rays // 2), points.dtype)
-    places[slots_of(batches), :, :pixels] = points.swapaxes(0, 1)
-    each = (batches + devices - 1 - np.arange(devices)) // devices
-    counts = np.stack([each, np.full(devices, pixels)], axis=1).astype(np.int32)
+    """Batches of some pictures in their slots, with places for half as many pixels as rays find room.
+
+    Args:
+        number: the batches' numbers, counted through all pictures.
+    """
+    devices, (batches, size) = jax.device_count(), cut(points.shape[1], room.pixels)
+    slots, place = BATCHES * devices, slots_of(len(number))
+    places = np.zeros((slots, 2, room.rays // 2), points.dtype)
+    places[place, :, :size] = np.moveaxis(
+        np.asarray(points)[:, members(number % batches, size, points.shape[1], batches)], 0, 1
+    )
+    picture = np.full(slots, number[0] // batches)
+    picture[place] = number // batches
+    each = (len(number) + devices - 1 - np.arange(devices)) // devices
+    counts = np.stack([each, np.full(devices, size)], axis=1).astype(np.int32)
     steps = np.tile(np.zeros(2) if step is None else step, (devices, 1)).astype(points.dtype)
-    return Batches(picture[source], places, counts, steps)
+    return Batches(picture, places, counts, steps)
+
+
+def members(batch: AnyArray, size: int, points: int, batches: int) -> AnyArray:
+    """The numbers of the points in some batches; the last point fills those that have one less."""
+    numpy: Any = np if isinstance(batch, np.ndarray) else jnp
+    return numpy.minimum(numpy.arange(size, dtype=np.int32) * batches + batch[:, None], points - 1)
 
 
 def slots_of(batches: int) -> Int[np.ndarray, " batches"]:
@@ -105,8 +145,21 @@ def slots_of(batches: int) -> Int[np.ndarray, " batches"]:
 
 def one_batch(key: Hashable, settings: ResolvedSettings, dtype: np.dtype, derivatives: bool = False) -> Batches:
     """A batch of one pixel, as an argument to compile a program with."""
-    rays = capacity_for(known_need(key, settings), derivatives).rays
-    return fill_slots(np.zeros(1, int), np.zeros((2, 1, 1), dtype), None, rays)
+    room = capacity_for(known_need(key, settings), 0.5 if derivatives else 1.0)
+    return fill_slots(np.zeros(1, int), np.zeros((2, 1), dtype), None, room)
+
+
+def all_batches(points: Points, step: Float[np.ndarray, "2"] | None, room: Capacity) -> Batches:
+    """All batches of one picture in a slot each, on one device, within a transformation of JAX.
+
+    On several devices the parts would have to be gathered, and a sum of derivatives taken over them. On CPUs such a
+    program may wait for itself for ever (XLA of JAX 0.10: the all-reduces of two devices that begin in another order).
+    """
+    batches, size = cut(points.shape[1], room.pixels)
+    own = points[:, members(jnp.arange(batches, dtype=jnp.int32), size, points.shape[1], batches)]
+    places = jnp.pad(jnp.moveaxis(own, 0, 1), ((0, 0), (0, 0), (0, room.rays // 2 - size)))
+    steps = (np.zeros(2) if step is None else step).astype(points.dtype)[None]
+    return Batches(np.zeros(batches, int), places, np.array([[batches, size]], np.int32), steps)
 
 
 def in_batches(
@@ -116,67 +169,62 @@ def in_batches(
     key: Hashable,
     settings: ResolvedSettings,
     trace: Callable[[Batches], tuple[tuple[Array, ...], Array]],
+    room: Capacity | None = None,
     derivatives: bool = False,
-) -> list[np.ndarray]:
+) -> tuple[list[Any], Any]:
     """Trace the same points of some pictures, of either one at least.
 
     Args:
         step: how far it is from one pixel to the next; None of points.
         trace: traces batches. Returns arrays with the slots as their first axis and the places of a batch as their
             last, and how many rays each batch wanted.
+        room: the sizes of a batch, within a transformation of JAX: one picture in one call, with traced `points`.
 
     Returns:
-        Those arrays, with the pictures as their first axis and the points as their last.
+        Those arrays, with the pictures as their first axis and the points as their last; and how many rays found no
+        room in the batch that wanted most, 0 without `room`.
     """
-    (order, places), total = spread_out(points.shape[1]), points.shape[1]
+    total, devices = points.shape[1], jax.device_count()
+    if room is not None:
+        arrays, wanted = trace(all_batches(points, step, room))
+        found = [together(all_[..., : cut(total, room.pixels)[1]], total)[None] for all_ in arrays]
+        return found, jnp.maximum(jnp.max(wanted) - room.rays, 0)
+
     need, seen = known_need(key, settings), 0.0
     found, done = list[np.ndarray](), 0
     while done < pictures:
-        capacity = capacity_for(need, derivatives)
-        # Each picture is cut into batches of one size. Its last batch has its last pixel several times.
-        each = -(-total // capacity.pixels)
-        size = -(-total // each)
-        members = np.pad(order, (0, each * size - total), mode="edge").reshape(each, size)
-        spread, parts = np.take(points, members, axis=1), list[list[np.ndarray]]()
-        begin, end = done, pictures
-        for first in range(begin * each, end * each, BATCHES * jax.device_count()):
-            number = np.arange(first, min(first + BATCHES * jax.device_count(), end * each))
-            batches = fill_slots(number // each, spread[:, number % each], step, capacity.rays)
-            arrays, wanted = trace(batches)
+        room = capacity_for(need, 0.5 if derivatives else 1.0)
+        batches, size = cut(total, room.pixels)
+        begin, end, parts = done, pictures, list[list[np.ndarray]]()
+        for first in range(begin * batches, end * batches, BATCHES * devices):
+            number = np.arange(first, min(first + BATCHES * devices, end * batches))
+            arrays, wanted = trace(fill_slots(number, points, step, room))
             most = int(np.max(wanted))
             seen = max(seen, most / size)
-            if most > capacity.rays:
+            if most > room.rays:
                 # Pictures that are whole stay as they are; the others are traced again.
-                need, end = seen, first // each
+                need, end = seen, first // batches
                 break
             parts.append([np.asarray(all_)[slots_of(len(number)), ..., :size] for all_ in arrays])
-        # Back into the order of the points.
         for k, all_ in enumerate(zip(*parts, strict=True)):
-            rows = np.concatenate(all_)[: (end - begin) * each]
-            rows = np.moveaxis(rows.reshape(end - begin, each, *rows.shape[1:]), 1, -2)
+            rows = np.concatenate(all_)[: (end - begin) * batches]
+            rows = rows.reshape(end - begin, batches, *rows.shape[1:])
             if len(found) <= k:
-                found.append(np.empty((pictures, *rows.shape[1:-2], total), rows.dtype))
-            np.take(rows.reshape(*rows.shape[:-2], each * size), places, axis=-1, out=found[k][begin:end], mode="clip")
+                found.append(np.empty((pictures, *rows.shape[2:-1], total), rows.dtype))
+            for picture, own in enumerate(rows, start=begin):
+                found[k][picture] = together(own, total)
         done = end
     NEEDS[key] = seen
-    return found
+    return found, 0
 
 
-@functools.lru_cache(maxsize=8)
-def spread_out(count: int) -> tuple[Int[np.ndarray, " points"], Int[np.ndarray, " points"]]:
-    """Numbers of points in an order of which any piece is spread over all of them, and the place of each point in it.
-
-    Multiples of the golden ratio have such an order.
-    """
-    places = np.argsort(np.arange(count) * ((math.sqrt(5) - 1) / 2) % 1)
-    return np.argsort(places), places
-
-
-def map_batches(trace_batch, common, each, batches: Batches):
+def map_batches(trace_batch, common, each, batches: Batches, reversible: bool):
     """`trace_batch(common, one, points, pixels, step)` of each batch, stacked; slots that are empty stay zero.
 
     Args:
         trace_batch: traces one; of what it is given and of nothing else that is traced, as for `share_out`.
+        reversible: whether reverse mode can go through it. It computes each batch anew, in the memory of one, on one
+            device.
     """
 
     def trace_some(common, each, points, counts, steps):
@@ -188,10 +236,13 @@ def map_batches(trace_batch, common, each, batches: Batches):
         def trace_next(number, found):
             return jax.tree.map(lambda all_, new: all_.at[number].set(new), found, one(number))
 
+        if reversible:
+            return jax.lax.map(jax.checkpoint(one, prevent_cse=False), jnp.arange(len(points), dtype=jnp.int32))
         nothing = jax.tree.map(lambda x: jnp.zeros((len(points), *x.shape), x.dtype), jax.eval_shape(one, 0))
         return jax.lax.fori_loop(0, count, trace_next, nothing)
 
-    return share_out(trace_some, common, each, batches.points, batches.counts, batches.steps)
+    given = common, each, batches.points, batches.counts, batches.steps
+    return trace_some(*given) if reversible else share_out(trace_some, *given)
 
 
 def share_out(function, common, *arrays):

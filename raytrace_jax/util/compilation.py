@@ -124,7 +124,11 @@ CPU_OPTIONS = {
 
 @functools.cache
 def compiler_options() -> dict[str, bool | int]:
-    """Options for the default backend; those that this version of XLA does not know are left out."""
+    """The options by which the package compiles its own programs: `jax.jit(f, compiler_options=compiler_options())`.
+
+    Returns:
+        XLA's options for the default backend; those that this version of XLA does not know are left out.
+    """
     if jax.default_backend() != "cpu":
         return {}
     return {name: value for name, value in CPU_OPTIONS.items() if _is_known(name, value)}

@@ -181,6 +181,7 @@ class RayRecord(eqx.Module):
         depth: how often their paths have bounced.
         children: the places in the queue of the rays that they sent on, kind by kind; one that stays black for none.
         si: where they hit; None where nobody asks.
+        wanted: which kinds of rays they wanted to send on, also after the last bounce; None as above.
     """
 
     scattering: Scattering
@@ -188,12 +189,15 @@ class RayRecord(eqx.Module):
     depth: Int[Array, " rays"]
     children: Int[Array, "kinds rays"]
     si: Hits | None = None
+    wanted: Bool[Array, "kinds rays"] | None = None
 
     @classmethod
     def of(cls, level: Level, depth: Array, children: Int[Array, "kinds rays"], with_hits: bool = False) -> "RayRecord":
         """The records of the rays of a level."""
         valid = level.si.valid
-        found = level.scattering, valid, depth, children, level.si if with_hits else None
+        wanted = [wanted for wanted, _ in level.children]
+        asked = (level.si, jnp.stack(wanted) if wanted else None) if with_hits else (None, None)
+        found = level.scattering, valid, depth, children, *asked
         return cls(*jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], valid.size)), found))
 
 
@@ -266,24 +270,27 @@ class Queue(eqx.Module):
     traced: RayRecord
 
 
-def trace(
+def trace_queue(
     world: World,
     rays: Rays,
-    count: Int[Array, ""],
+    count: Int[Array, ""] | int,
     settings: ResolvedSettings,
     *,
     with_hits: bool = False,
     reversible: bool = False,
-) -> Trace:
+) -> tuple[Queue, ChildResult]:
     """Trace camera rays and everything that they send on. The queue has places for twice as many rays as are given.
 
     Args:
         count: how many of them are to be traced, the first ones; what is said of the others has no meaning.
         reversible: whether the loop has a fixed number of turns, as reverse mode wants; else it ends with the rays.
+
+    Returns:
+        The queue as it is at the end, and what the ray at each of its places brings back.
     """
-    # A sixteenth at a time stays in a CPU's cache, and wastes little where a generation of rays ends within a chunk.
+    # 256 or 512 rays at a time stay in a CPU's cache, and waste little where a generation of rays ends within a chunk.
     size = 2 * rays.path_length.shape[-1]
-    chunk = size // 16
+    chunk = size // (32 if reversible else 16)
 
     def read(all_, head):
         return jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, head, chunk, -1), all_)
@@ -307,11 +314,19 @@ def trace(
             new, total = gather(number, packing.candidate % chunk) + 1, packing.count
         return RayRecord.of(level, depth, places, with_hits), (children, new), total
 
+    def nothing_traced(*given):
+        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(trace_chunk, *given))
+
     def step(queue: Queue) -> Queue:
         turn, tail = queue.turn, queue.tail
         head = queue.heads[turn]
-        one = jax.checkpoint(trace_chunk) if reversible else trace_chunk
-        traced, children, total = one(head, tail, unpacked(read(queue.rays, head)), read(queue.number, head))
+        given = head, tail, unpacked(read(queue.rays, head)), read(queue.number, head)
+        # A turn after the last ray costs nothing: in reverse mode there are as many turns as a full queue needs.
+        traced, children, total = (
+            jax.lax.cond(head < jnp.minimum(tail, size), jax.checkpoint(trace_chunk), nothing_traced, *given)
+            if reversible
+            else trace_chunk(*given)
+        )
         # Where rays are fewer than a chunk, those that they send on are the next one.
         heads = queue.heads.at[turn + 1].set(jnp.minimum(head + chunk, jnp.minimum(tail, size)))
         all_, number = write((queue.rays, queue.number), children, jnp.minimum(tail, size))
@@ -347,6 +362,12 @@ def trace(
         results, _ = jax.lax.scan(lambda b, turn: (blend(turn, b), None), results, jnp.arange(turns, dtype=jnp.int32))
     else:
         results = jax.lax.fori_loop(0, queue.turn, blend, results)
+    return queue, results
+
+
+def trace(world: World, rays: Rays, count: Int[Array, ""], settings: ResolvedSettings, **options: bool) -> Trace:
+    """The outcome of each camera ray, by `trace_queue`."""
+    queue, results = trace_queue(world, rays, count, settings, **options)
     found, si = jax.tree.map(lambda x: x[..., : rays.path_length.shape[-1]], (results, queue.traced.si))
     return Trace(found.color, queue.tail, found.sees_edge, si, found.bounce_count)
 
