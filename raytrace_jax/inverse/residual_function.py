@@ -14,14 +14,11 @@ from raytrace_jax.inverse.forward import Observation
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.pure import measured_room, picture_at, room_for
+from raytrace_jax.tracer.pure import MOVING_SLACK, measured_room, picture_at, room_for
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.run import Capacity
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.numerics import with_lower_ranks
-
-SLACK = 2.0
-"""Room for more rays than the start was seen to want: a loop cannot ask for more."""
 
 
 class PictureResidual(eqx.Module):
@@ -61,7 +58,7 @@ class PictureResidual(eqx.Module):
         """The scene at unknowns `y`."""
         return self.unknowns.moved(self.scene, y)
 
-    def with_room(self, y: Float[Array, " parameters"], slack: float = SLACK) -> "PictureResidual":
+    def with_room(self, y: Float[Array, " parameters"], slack: float = MOVING_SLACK) -> "PictureResidual":
         """Make room for the rays of the scene at `y`, if these are more; the result has to be compiled anew."""
         needed = measured_room(self.scene_at(y), self.settings, slack)
         return dataclasses.replace(self, room=needed) if self.room.lacks(needed) else self
@@ -76,7 +73,7 @@ def make_residual(
     weights: ArrayLike | None = None,
     ties: Mapping[str, str] | None = None,
     fit_exposure: bool = False,
-    slack: float = SLACK,
+    slack: float = MOVING_SLACK,
 ) -> PictureResidual:
     """The residual `residual(y, args)` of a scene's picture, for an optimisation loop of one's own.
 

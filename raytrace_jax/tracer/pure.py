@@ -25,22 +25,20 @@ from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import is_traced, with_lower_ranks
 
 USUAL_NEEDS = {"point": 10.0, "aware": 24.0}
-"""Rays that a pixel of a batch may want before its scene was seen: of the project's own scenes 1 to 9, and 3 to 22."""
-
-ROOMINESS = 2.0
-"""Room that is given rather than learnt is twice a picture's: of 16384 rays it wastes a quarter where the usual need is
-twice the real one, of 8192 three fifths (gradient of the course's scene by areas, 160 x 120)."""
+"""Rays that a pixel of a batch may always want, by points and by areas: our own scenes want 1 to 9, and 3 to 22."""
 
 
 def room_for(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
-    """Room for the rays of a picture and of its derivative: what such a scene was last seen to want, or what is usual.
+    """Room for the rays of a picture and of its derivative: what is usual, or what such a scene was last seen to want.
 
     Args:
-        slack: room for more rays than that, as a factor.
+        slack: room for more rays than it was seen to want, as a factor.
     """
     settings, scene = _most_rays(scene, settings), dataclasses.replace(scene, film=None)
-    seen = NEEDS.get(scene_key(scene, settings))
-    return capacity_for(slack * seen if seen else USUAL_NEEDS[settings.edges or "aware"], ROOMINESS)
+    # A part of a picture may have been seen, of sky alone: never less than what is usual.
+    need = max(slack * NEEDS.get(scene_key(scene, settings), 0), USUAL_NEEDS[settings.edges or "aware"])
+    # Twice a picture's: of 16384 rays too large a need wastes a quarter of the time, of 8192 three fifths.
+    return capacity_for(need, 2.0)
 
 
 def measured_room(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
