@@ -177,7 +177,8 @@ def render_light(scene: Scene, settings: ResolvedSettings, room: Capacity | None
             return [found["color"]], overflow
 
         [mean], overflow = mean_of_samples(pixels, settings.samples, colors)
-        found = (outputs(pixels.points)[0] if settings.aov else {}) | {"color": mean}
+        found, more = outputs(pixels.points) if settings.aov else ({}, 0)
+        found, overflow = found | {"color": mean}, numpy.maximum(overflow, more)
     aov = {name: x[0].reshape(*x.shape[1:-1], height, width) for name, x in found.items()}
     if room is None:
         # Put there as they are: `jnp.asarray` would compile a program for each size.
