@@ -23,7 +23,7 @@ def test_a_picture_is_the_same_where_its_rays_find_little_room(edges, monkeypatc
     pictures = []
     for rays in (8192, 256):
         monkeypatch.setattr(run, "NEEDS", {})
-        monkeypatch.setattr(run, "RAYS", rays)
+        monkeypatch.setattr(run, "RAYS", {"point": rays, "aware": rays})
         stacked = map_scenes(lambda x: np.asarray(x)[None], scene)
         pictures.append(pixel_colors(stacked, points, SETTINGS, None if edges == "point" else step)[0])
     np.testing.assert_allclose(*pictures, atol=1e-12)

@@ -24,7 +24,7 @@ AWARE = Stage("aware")
 
 @pytest.fixture
 def small_batches(monkeypatch):
-    monkeypatch.setattr(run, "RAYS", 256)
+    monkeypatch.setattr(run, "RAYS", {"point": 256, "aware": 256})
     monkeypatch.setattr(run, "BATCHES", 2)
     monkeypatch.setattr(run, "NEEDS", {})
 

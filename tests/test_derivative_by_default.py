@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from raytrace_jax import (
-    RaytraceError,
     RenderSettings,
     load_scene,
     make_renderer,
@@ -70,16 +69,6 @@ def test_aovs_are_differentiated_as_points():
         found.append(jax.jit(jax.grad(depth))(jnp.asarray([2.0, 4.0])))
     assert np.abs(found[0]).max() > 1
     np.testing.assert_allclose(*found, rtol=1e-9)
-
-
-def test_of_more_shapes_than_areas_can_tell_apart_the_picture_is_there_and_its_derivative_refused(monkeypatch):
-    for module in ("world", "pure"):
-        monkeypatch.setattr(f"raytrace_jax.tracer.{module}.MOST_SHAPES", 0)
-    scene = parse_scene(DISC)
-    renderer = make_renderer(scene, dataclasses.replace(FLAT, max_bounces=7))  # Which no other test has traced.
-    assert renderer(scene).image.shape == (3, 18, 24)
-    with pytest.raises(RaytraceError, match="shapes; edge-aware tracing, and so a derivative"):
-        jax.grad(lambda radius: renderer(set_parameters(scene, {"ball.radius": radius})).image.mean())(jnp.asarray(2.0))
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def nearest(shapes, rays):
 def children_of(scene, rays):
     """The rays that all hits of `rays` send on."""
     level = trace_points(prepare_world(scene, SETTINGS), rays, jnp.ones(COUNT, bool), SETTINGS)
-    rays, packing = pack_rays(level.children, 2 * COUNT)
+    rays, packing = pack_rays(level.children, jnp.ones(COUNT, jnp.int32))
     return unpacked(rays), packing.live
 
 

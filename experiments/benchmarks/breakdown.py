@@ -23,11 +23,10 @@ from raytrace_jax.tracer.levels.compaction import pack_rays
 from raytrace_jax.tracer.levels.integrator import trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
-from raytrace_jax.tracer.run import RAYS
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 
-CHUNK = RAYS // 16
+CHUNK = 512
 """As many rays as `integrator.trace` takes at a time."""
 
 
@@ -52,7 +51,7 @@ def stage_milliseconds(rounds: int) -> dict[str, float]:
 
     def sent_on(world, rays, live, number):
         level = shaded(world, rays, live, number)
-        return level, pack_rays([(wanted & live, child) for wanted, child in level.children], 2 * CHUNK)
+        return level, pack_rays([(wanted & live, child) for wanted, child in level.children], number + 1)
 
     def program(stage):
         @jit
@@ -60,8 +59,8 @@ def stage_milliseconds(rounds: int) -> dict[str, float]:
             world = prepare_world(scene, settings)
 
             def of_chunk(chunk):
-                waiting, live, number = chunk
-                return stage(world, unpacked(waiting), live, number)
+                waiting, live = chunk
+                return stage(world, unpacked(waiting), live, waiting.number)
 
             # Each chunk's result takes the place of the one before: it stays in the cache, as in the whole program.
             nothing = jax.eval_shape(of_chunk, jax.tree.map(lambda x: x[0], chunks))
@@ -85,7 +84,7 @@ def stage_milliseconds(rounds: int) -> dict[str, float]:
 
 
 def all_chunks(scene, settings):
-    """The rays of a picture and all that they send on, generation by generation, in chunks: packed, live, numbered."""
+    """The rays of a picture and all that they send on, generation by generation, in chunks: packed, and live."""
 
     @functools.partial(jit, static_argnames="count")
     def cut(waiting, count):
@@ -97,23 +96,23 @@ def all_chunks(scene, settings):
         return jax.tree.map(pieces, waiting), live
 
     @jit
-    def next_generation(scene, waiting, live, number):
+    def next_generation(scene, waiting, live):
         world = prepare_world(scene, settings.of_rays)
 
         def children(chunk):
-            rays, live, number = chunk
-            level = trace_level(world, unpacked(rays), live, number, settings.of_rays)
-            return pack_rays([(wanted & live, child) for wanted, child in level.children], 2 * CHUNK)
+            rays, live = chunk
+            level = trace_level(world, unpacked(rays), live, rays.number, settings.of_rays)
+            return pack_rays([(wanted & live, child) for wanted, child in level.children], rays.number + 1)
 
-        found, packing = jax.lax.map(children, (waiting, live, number))
+        found, packing = jax.lax.map(children, (waiting, live))
         return found, packing.live
 
     (points, step), chunks = picture_pixels(scene, settings), []
     u, v = jnp.asarray(points)
-    waiting, count = packed(rays_through(scene.camera, settings, u, v, jnp.asarray(step))), points.shape[1]
-    for number in range(settings.levels + 1):
-        rays, live = cut(waiting, count)
-        chunks.append((rays, live, jnp.full(live.shape, number, jnp.int32)))
+    first, count = rays_through(scene.camera, settings, u, v, jnp.asarray(step)), points.shape[1]
+    waiting = packed(first, jnp.zeros(count, jnp.int32))
+    for _ in range(settings.levels + 1):
+        chunks.append(cut(waiting, count))
         children, used = next_generation(scene, *chunks[-1])
         kept = np.flatnonzero(used)
         if not len(kept):

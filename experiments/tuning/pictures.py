@@ -13,7 +13,7 @@ from replacing import replaced
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.camera import rays_through
-from raytrace_jax.tracer.levels.integrator import trace, trace_level
+from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, trace, trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.world import prepare_world
@@ -88,14 +88,20 @@ class Bench:
         forget_programs()
         points, step = picture_pixels(self.scene, self.settings)
         pixels = points.shape[1]
-        u, v = jnp.pad(points, ((0, 0), (0, (ROOM // 2 - 1) * pixels)))
+        # As many places as whole chunks of a queue with that room have.
+        places = -(-ROOM * pixels // RAYS_A_PLACE // 512) * 512
+        padded = jnp.pad(points, ((0, 0), (0, places - pixels)))
 
         @jit
         def program(numbers, values, direction, scene):
             def image(values):
                 moved = set_parameters(scene, {name: values[k] for k, name in enumerate(self.names)})
-                rays = rays_through(moved.camera, self.settings, u, v, jnp.asarray(step))
-                traced = trace(prepare_world(moved, self.settings), rays, jnp.int32(pixels), self.settings)
+
+                def camera_rays(points):
+                    return rays_through(moved.camera, self.settings, *points, jnp.asarray(step))
+
+                world = prepare_world(moved, self.settings)
+                traced = trace(world, camera_rays, padded, jnp.int32(pixels), self.settings)
                 return traced.color[:, :pixels].reshape(3, *self.size[::-1]), traced.wanted
 
             # A jitted level would keep the numbers of its first trace.

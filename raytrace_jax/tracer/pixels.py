@@ -189,8 +189,12 @@ def trace_batches(
 
     def trace_batch(common, scene, points: Float[Array, "2 rays"], count, step):
         camera, world = common if reversible else materialize(lay_out(common, scene), count > 0)
-        rays = rays_through(camera, settings, points[0], points[1], step)
-        traced = trace_channels(world, rays, count, settings, with_hits=bool(aov), reversible=reversible)
+
+        def camera_rays(points):
+            return rays_through(camera, settings, points[0], points[1], step)
+
+        options = {"with_hits": bool(aov), "reversible": reversible}
+        traced = trace_channels(world, camera_rays, points, count, settings, **options)
         return {"color": traced.color, **output_variables(traced, aov)}, traced.wanted
 
     # Textures are filtered once for all batches: a loop would filter them again for each.
@@ -233,7 +237,7 @@ def pixel_derivatives(
 
     def trace_points(points: Points):
         (color, jacobian, sees_edge), overflow = in_batches(
-            1, points.astype(y.dtype), pixels.step, key, rays, trace, room, derivatives=True
+            1, points.astype(y.dtype), pixels.step, key, rays, trace, room
         )
         return (color[0], jacobian[0], sees_edge[0].astype(y.dtype)), overflow
 
@@ -246,7 +250,7 @@ def prepare_derivatives(
 ) -> None:
     """Compile what `pixel_derivatives` will run, and run nothing."""
     rays, y = settings.of_rays, jnp.asarray(y)
-    batches = one_batch(scene_key(scene, rays), rays, y.dtype, derivatives=True)
+    batches = one_batch(scene_key(scene, rays), rays, y.dtype)
     differentiate_batches.prepare(y, scene, batches, unknowns, rays)
 
 
@@ -273,9 +277,12 @@ def differentiate_batches(
 
         def color(y):
             moved = unknowns.moved(scene, y)
-            rays = rays_through(moved.camera, settings, points[0], points[1], step)
             world = materialize(prepare_world(moved, settings, pyramids), count > 0)
-            traced = trace_channels(world, rays, count, settings, reversible=reversible)
+
+            def camera_rays(points):
+                return rays_through(moved.camera, settings, points[0], points[1], step)
+
+            traced = trace_channels(world, camera_rays, points, count, settings, reversible=reversible)
             sees_edge = jnp.zeros(points.shape[1], bool) if traced.sees_edge is None else traced.sees_edge
             return traced.color, (sees_edge, traced.wanted)
 

@@ -20,7 +20,6 @@ from raytrace_jax.tracer.rendering import Film, refuse_too_large, render_concret
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.run import NEEDS, Capacity, capacity_for, scene_key
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.world import MOST_SHAPES
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import is_traced, with_lower_ranks
 
@@ -34,25 +33,19 @@ def room_for(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity
     Args:
         slack: room for more rays than it was seen to want, as a factor.
     """
-    settings, scene = _most_rays(scene, settings), dataclasses.replace(scene, film=None)
+    settings, scene = settings.of_derivative.of_rays, dataclasses.replace(scene, film=None)
     # A part of a picture may have been seen, of sky alone: never less than what is usual.
     need = max(slack * NEEDS.get(scene_key(scene, settings), 0), USUAL_NEEDS[settings.edges or "aware"])
-    # Twice a picture's: of 16384 rays too large a need wastes a quarter of the time, of 8192 three fifths.
-    return capacity_for(need, 2.0)
+    return capacity_for(need, settings)
 
 
 def measured_room(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
     """`room_for` a scene with concrete values that is traced for it."""
-    of_rays = _most_rays(scene, settings)
+    of_rays = settings.of_derivative.of_rays
     pixels = picture_pixels(scene, settings)
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
     pixel_outputs(scenes, pixels.points[:, :: 1 + pixels.points.shape[1] // 4096], of_rays, pixels.step)
     return room_for(scene, settings, slack)
-
-
-def _most_rays(scene: Scene, settings: ResolvedSettings) -> ResolvedSettings:
-    """The settings of what has most rays: the derivative, if edge-aware tracing can take the scene."""
-    return (settings.of_derivative if len(scene.shape_order) <= MOST_SHAPES else settings.of_points).of_rays
 
 
 @with_lower_ranks

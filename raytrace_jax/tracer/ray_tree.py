@@ -12,8 +12,8 @@ from raytrace_jax.errors import RaytraceError, SettingsError
 from raytrace_jax.optics import refract
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, unpacked
-from raytrace_jax.tracer.levels.integrator import trace_queue
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, unpacked
+from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, trace_queue
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.model import materials_at
@@ -131,11 +131,15 @@ def _trace(
 ) -> tuple[Int[Array, ""], dict[str, Array]]:
     """How many rays a pixel's tree has, and what there is to tell of each place of their queue, by name."""
     dtype, world = scene.camera.viewpoint.dtype, prepare_world(scene, settings)
-    place = (jnp.full(MOST_RAYS // 2, x, dtype) for x in (column, row))
-    queue, results = trace_queue(world, camera_rays(scene.camera, settings, *place), 1, settings, with_hits=True)
+    place = jnp.stack([jnp.full(MOST_RAYS // RAYS_A_PLACE, x, dtype) for x in (column, row)])
+
+    def rays_through(place: Float[Array, "2 rays"]) -> Rays:
+        return camera_rays(scene.camera, settings, *place)
+
+    queue, results = trace_queue(world, rays_through, place, 1, settings, with_hits=True)
     rays, record, si = unpacked(queue.rays), queue.traced, queue.traced.si
     assert si is not None
-    found = {"number": queue.number, "color": results.color, "o": rays.o, "d": rays.d, "valid": record.valid}
+    found = {"number": queue.rays.number, "color": results.color, "o": rays.o, "d": rays.d, "valid": record.valid}
     found |= {"shape": si.shape, "p": si.p, "n": si.n, "distance": si.t, "path_length": si.path_length}
     surface = record.scattering.surface
     if surface is None or record.wanted is None:  # An empty scene.

@@ -16,6 +16,7 @@ from jax.sharding import PartitionSpec
 from jaxtyping import Array, Float, Int
 
 from raytrace_jax.tracer.levels.compaction import in_blocks
+from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
@@ -23,14 +24,14 @@ AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 Points = Float[np.ndarray, "2 points"] | Float[Array, "2 points"]
 """Places in a picture: from its left border, 0, to the right one, 1; and from its lower border to the upper one."""
 
-BATCHES = 32
+BATCHES = 16
 """One call traces at most so many batches on each device: the call itself takes as long as some batches do."""
 
-RAYS = 8192
-"""Rays of a batch on a CPU; with derivatives half as many, so that they stay in its cache.
+RAYS = {"point": 1 << 14, "aware": 1 << 15}
+"""Rays of a batch on a CPU, by `edges`.
 
-Pictures by points, 640 x 480, take .49 s (course) and .70 s (`pov_ball`) with 4096, .38 and .55 s with 8192 and 16384;
-derivatives by four numbers of areas, 160 x 120, 1.37 and 1.66 s with 4096, 1.87 and 2.32 s with 8192."""
+Each batch ends with a dozen chunks that are not full, and begins with an empty queue. A hundred pictures of 20 x 15 on
+two devices take .037 s (course by points; .048 s with twice as many rays), and .46 s by areas (1.05 s with half)."""
 
 FILLED = 0.95
 """Batches are made to take this fraction of the room: other batches of these pixels may want a little more."""
@@ -61,16 +62,12 @@ def known_need(key: Hashable, settings: ResolvedSettings) -> float:
     return NEEDS.get(key, 6.0 if settings.edges == "aware" else 4.0)
 
 
-def capacity_for(need: float, factor: float = 1.0) -> Capacity:
-    """The sizes of batches of pixels that want so many rays each.
-
-    Args:
-        factor: how many more rays than a picture's batch there are.
-    """
-    rays = int(factor * (RAYS if jax.default_backend() == "cpu" else 1 << 18))
+def capacity_for(need: float, settings: ResolvedSettings) -> Capacity:
+    """The sizes of batches of pixels that want so many rays each."""
+    rays = RAYS[settings.edges or "aware"] if jax.default_backend() == "cpu" else 1 << 18
     if need > FILLED * rays:
-        return Capacity(16 * in_blocks(need / FILLED / 16), 1)
-    return Capacity(rays, min(rays // 2, int(FILLED * rays / need)))
+        return Capacity(64 * in_blocks(need / FILLED / 64), 1)
+    return Capacity(rays, min(rays // RAYS_A_PLACE, int(FILLED * rays / need)))
 
 
 class Batches(NamedTuple):
@@ -119,7 +116,7 @@ def fill_slots(
     """
     devices, (batches, size) = jax.device_count(), cut(points.shape[1], room.pixels)
     slots, place = BATCHES * devices, slots_of(len(number))
-    places = np.zeros((slots, 2, room.rays // 2), points.dtype)
+    places = np.zeros((slots, 2, room.rays // RAYS_A_PLACE), points.dtype)
     places[place, :, :size] = np.moveaxis(
         np.asarray(points)[:, members(number % batches, size, points.shape[1], batches)], 0, 1
     )
@@ -143,9 +140,9 @@ def slots_of(batches: int) -> Int[np.ndarray, " batches"]:
     return number % devices * BATCHES + number // devices
 
 
-def one_batch(key: Hashable, settings: ResolvedSettings, dtype: np.dtype, derivatives: bool = False) -> Batches:
+def one_batch(key: Hashable, settings: ResolvedSettings, dtype: np.dtype) -> Batches:
     """A batch of one pixel, as an argument to compile a program with."""
-    room = capacity_for(known_need(key, settings), 0.5 if derivatives else 1.0)
+    room = capacity_for(known_need(key, settings), settings)
     return fill_slots(np.zeros(1, int), np.zeros((2, 1), dtype), None, room)
 
 
@@ -157,7 +154,7 @@ def all_batches(points: Points, step: Float[np.ndarray, "2"] | None, room: Capac
     """
     batches, size = cut(points.shape[1], room.pixels)
     own = points[:, members(jnp.arange(batches, dtype=jnp.int32), size, points.shape[1], batches)]
-    places = jnp.pad(jnp.moveaxis(own, 0, 1), ((0, 0), (0, 0), (0, room.rays // 2 - size)))
+    places = jnp.pad(jnp.moveaxis(own, 0, 1), ((0, 0), (0, 0), (0, room.rays // RAYS_A_PLACE - size)))
     steps = (np.zeros(2) if step is None else step).astype(points.dtype)[None]
     return Batches(np.zeros(batches, int), places, np.array([[batches, size]], np.int32), steps)
 
@@ -170,7 +167,6 @@ def in_batches(
     settings: ResolvedSettings,
     trace: Callable[[Batches], tuple[tuple[Array, ...], Array]],
     room: Capacity | None = None,
-    derivatives: bool = False,
 ) -> tuple[list[Any], Any]:
     """Trace the same points of some pictures, of either one at least.
 
@@ -193,7 +189,7 @@ def in_batches(
     need, seen = known_need(key, settings), 0.0
     found, done = list[np.ndarray](), 0
     while done < pictures:
-        room = capacity_for(need, 0.5 if derivatives else 1.0)
+        room = capacity_for(need, settings)
         batches, size = cut(total, room.pixels)
         begin, end, parts = done, pictures, list[list[np.ndarray]]()
         for first in range(begin * batches, end * batches, BATCHES * devices):

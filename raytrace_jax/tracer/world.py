@@ -6,10 +6,8 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float
 
-from raytrace_jax.errors import RaytraceError
 from raytrace_jax.scene.scene import Background, PointLights, Scene, world_length
 from raytrace_jax.tracer.geometry.intersection import Clusters, make_clusters
-from raytrace_jax.tracer.geometry.rays import MOST_SHAPES
 from raytrace_jax.tracer.geometry.shape_types import repeated, scene_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -42,17 +40,7 @@ class World(eqx.Module):
 
 
 def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyramid, ...] | None = None) -> World:
-    """Lay a scene out for tracing.
-
-    Raises:
-        RaytraceError: more shapes than edge-aware tracing can tell apart.
-    """
-    count = len(scene.shape_order)
-    if settings.edges == "aware" and count > MOST_SHAPES:
-        raise RaytraceError(
-            f"the scene has {count} shapes; edge-aware tracing, and so a derivative that contains the motion of edges, "
-            f"takes {MOST_SHAPES} at most: leave some out, or say edges='point'."
-        )
+    """Lay a scene out for tracing."""
     shapes = scene_shapes(scene)
     # A footprint also meets what its centre misses: bounds around shapes do not tell.
     clusters = make_clusters(jax.lax.stop_gradient(shapes)) if settings.edges != "aware" else []

@@ -119,11 +119,13 @@ CPU_OPTIONS = {
     "xla_cpu_prefer_vector_width": 512,
     # See that the branches of a condition may share their operands' memory: a quarter fewer copies and less time.
     "xla_cpu_copy_insertion_use_region_analysis": True,
+    # Leave sums over components to the fusions around them: as calls of YNN they take a third longer in derivatives.
+    "xla_cpu_experimental_ynn_fusion_type": "",
 }
 
 
 @functools.cache
-def compiler_options() -> dict[str, bool | int]:
+def compiler_options() -> dict[str, bool | int | str]:
     """The options by which the package compiles its own programs: `jax.jit(f, compiler_options=compiler_options())`.
 
     Returns:
@@ -134,7 +136,7 @@ def compiler_options() -> dict[str, bool | int]:
     return {name: value for name, value in CPU_OPTIONS.items() if _is_known(name, value)}
 
 
-def _is_known(name: str, value: bool | int) -> bool:
+def _is_known(name: str, value: bool | int | str) -> bool:
     try:
         jax.jit(lambda x: x, compiler_options={name: value}).lower(jax.ShapeDtypeStruct((), "float32")).compile()
     except jax.errors.JaxRuntimeError:

@@ -67,7 +67,7 @@ def vectors_to(end: Float[Array, "3"], o: Float[Array, "3 *rays"]) -> Float[Arra
 
 def normalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
     """Vectors of length one along `a`, which must not be zero."""
-    return a / jnp.sqrt(dot(a, a))
+    return a * jax.lax.rsqrt(dot(a, a))
 
 
 def renormalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
@@ -77,7 +77,7 @@ def renormalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
 
 def safe_normalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
     """Vectors of length one along `a`; what is shorter than 1e-6 stays short, with a finite derivative."""
-    return a / jnp.sqrt(jnp.maximum(dot(a, a), 1e-12))
+    return a * jax.lax.rsqrt(jnp.maximum(dot(a, a), 1e-12))
 
 
 def safe_sqrt(x: Float[Array, " *rays"]) -> Float[Array, " *rays"]:

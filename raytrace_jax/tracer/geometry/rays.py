@@ -1,6 +1,6 @@
 """A batch of rays: where they are, what they stand for, how they travel packed; and look-ups of one entry a ray."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -79,38 +79,47 @@ class Rays(eqx.Module):
         return self.edge_beam
 
 
-INDEX_BITS = 12
-"""An index of a shape takes so many bits of the numbers in which all that is discrete about rays travels."""
+class PackedRays(NamedTuple):
+    """Rays as they wait: few arrays, as each of them takes as long to move as many numbers do.
 
-MOST_SHAPES = (1 << INDEX_BITS) - 2
-"""Edge-aware tracing can tell so many shapes apart; one more number stands for none."""
+    Args:
+        moving: what has a derivative: origins, directions and lengths of paths.
+        fixed: footprints and throughputs; without rows where nothing asks for them.
+        counts: all that is discrete, in its last row how many rays are before each in its path, which may pass edges.
+    """
 
-COUNT_BITS = 3
-"""The number of subdivisions takes so many bits."""
+    moving: Float[Array, "7 *rays"]
+    fixed: Float[Array, "_ *rays"]
+    counts: Int[Array, "_ *rays"]
+
+    @property
+    def number(self) -> Integers:
+        """How many rays are before each in its path."""
+        return self.counts[-1]
 
 
-def packed(rays: Rays) -> tuple:
-    """Rays as a tree of few arrays, continuous and discrete ones: moving rays costs by the number of values."""
-    numbers, footprint = [2 * rays.origin_shape + rays.inside.astype(jnp.int32)], None
+def packed(rays: Rays, number: Integers) -> PackedRays:
+    """Rays, and how many are before each, as they wait."""
+    moving = jnp.concatenate([rays.o, rays.d, rays.path_length[None]])
+    fixed, counts = moving[:0], [rays.origin_shape, rays.inside.astype(jnp.int32)]
+    if rays.path_throughput is not None:
+        fixed = rays.path_throughput[None]
     if rays.edge_beam is not None:
-        footprint = rays.beam.footprint
-        numbers[0] = (numbers[0] << COUNT_BITS) + rays.beam.subdivisions
-        first, second = rays.beam.passed + 1
-        numbers.append(first + (second << INDEX_BITS) + (rays.beam.depth << 2 * INDEX_BITS))
-    return (rays.o, rays.d, rays.path_length, footprint, rays.path_throughput), numbers
+        footprint = rays.edge_beam.footprint
+        fixed = jnp.concatenate([*footprint.o, *footprint.d, fixed])
+        counts += [*rays.edge_beam.passed, rays.edge_beam.depth, rays.edge_beam.subdivisions]
+    return PackedRays(moving, jax.lax.stop_gradient(fixed), jnp.stack([*counts, number]))
 
 
-def unpacked(values: tuple) -> Rays:
+def unpacked(rays: PackedRays) -> Rays:
     """The rays that `packed` has packed."""
-    (o, d, path_length, footprint, throughput), (own, *others) = values
+    moving, fixed, counts = rays
+    o, d, path_length = moving[:3], moving[3:6], moving[6]
     edge_beam = None
-    if footprint is not None:
-        (edges,) = others
-        mask = (1 << INDEX_BITS) - 1
-        passed = jnp.stack([edges & mask, (edges >> INDEX_BITS) & mask]) - 1
-        edge_beam = Beam(footprint, passed, edges >> 2 * INDEX_BITS, own & ((1 << COUNT_BITS) - 1))
-        own = own >> COUNT_BITS
-    return Rays(o, d, path_length, own >> 1, (own & 1) == 1, edge_beam, throughput)
+    if len(counts) > 3:
+        axes = fixed[:12].reshape(2, 2, 3, *path_length.shape)
+        edge_beam = Beam(Footprint(*axes), counts[2:4], counts[4], counts[5])
+    return Rays(o, d, path_length, counts[0], counts[1] == 1, edge_beam, fixed[-1] if len(fixed) else None)
 
 
 UNROLL = 12
@@ -153,7 +162,8 @@ def _select_column_jvp(primals, tangents) -> Any:
     if isinstance(column_dot, jax.custom_derivatives.SymbolicZero):
         return chosen, jax.custom_derivatives.SymbolicZero(jax.typeof(chosen).to_tangent_aval())
     one_hot = jax.nn.one_hot(index, column.shape[-1], dtype=column.dtype, axis=0)
-    return chosen, jnp.tensordot(column_dot, one_hot, 1, precision=jax.lax.Precision.HIGHEST)
+    spread = column_dot.reshape(column.shape + (1,) * index.ndim)
+    return chosen, jnp.sum(spread * one_hot, column.ndim - 1)
 
 
 select_column.defjvp(_select_column_jvp, symbolic_zeros=True)

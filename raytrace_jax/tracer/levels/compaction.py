@@ -1,11 +1,15 @@
 """Packing the wanted ones of many candidate rays tightly into arrays of a fixed capacity."""
 
+from typing import TypeVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int, Shaped
+from jaxtyping import Array, Bool, Int
 
-from raytrace_jax.tracer.geometry.rays import Rays, packed
+from raytrace_jax.tracer.geometry.rays import PackedRays, Rays, packed
+
+T = TypeVar("T")
 
 BLOCK = 64
 """Prefix sums are taken in blocks of this many, by a matrix product; capacities are multiples of it."""
@@ -41,18 +45,13 @@ def pack(wanted: Bool[Array, "kinds rays"], capacity: int) -> Packing:
     return Packing(slot.reshape(wanted.shape), candidate, rank[-1])
 
 
-def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> tuple[tuple, Packing]:
-    """The wanted rays of all kinds, as `packed`, kind after kind."""
-    packing = pack(jnp.stack([wanted for wanted, _ in kinds]), capacity)
-    parent = packing.candidate % kinds[0][0].size
-
-    def pick(*values):
-        # What all kinds have in common is gathered by parent, once.
-        if all(value is values[0] for value in values):
-            return gather(values[0], parent)
-        return gather(jnp.concatenate(values, axis=-1), packing.candidate)
-
-    return jax.tree.map(pick, *(packed(rays) for _, rays in kinds)), packing
+def pack_rays(
+    kinds: list[tuple[Bool[Array, " rays"], Rays]], number: Int[Array, " rays"]
+) -> tuple[PackedRays, Packing]:
+    """The wanted rays of all kinds, kind after kind; `number` counts those before each of them."""
+    packing = pack(jnp.stack([wanted for wanted, _ in kinds]), sum(wanted.size for wanted, _ in kinds))
+    candidates = jax.tree.map(lambda *x: jnp.concatenate(x, -1), *(packed(rays, number) for _, rays in kinds))
+    return gather(candidates, packing.candidate), packing
 
 
 def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates"]:
@@ -69,11 +68,9 @@ def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates
     return (within + before[:, None]).astype(jnp.int32).reshape(-1)[: wanted.size]
 
 
-def gather(
-    values: Shaped[Array, "*components candidates"], index: Int[Array, " slots"]
-) -> Shaped[Array, "*components slots"]:
-    """`values[..., index]` for indices that are in bounds."""
-    return values.at[..., index].get(mode="promise_in_bounds")
+def gather(values: T, index: Int[Array, " slots"]) -> T:
+    """`values[..., index]` of each leaf, for indices that are in bounds."""
+    return jax.tree.map(lambda x: x.at[..., index].get(mode="promise_in_bounds"), values)
 
 
 def in_blocks(rays: float) -> int:

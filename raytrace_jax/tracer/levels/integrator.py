@@ -6,7 +6,9 @@ model clamps colours at every surface; so colours are blended afterwards, from t
 of a ray's children are known.
 """
 
+import dataclasses
 import functools
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -15,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.optics import reflect, refract
 from raytrace_jax.tracer.geometry.intersection import Hits, intersect
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, packed, take, unpacked
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, PackedRays, Rays, packed, take, unpacked
 from raytrace_jax.tracer.levels.compaction import gather, pack_rays
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.materials import LINE_CHANNEL
@@ -135,7 +137,7 @@ def scatter_areas(
     media = model.media(world, si, dot(rays.d, si.n) < 0, settings)
     eta = jax.lax.stop_gradient(media.eta)
     p_axes, reflected, transmitted = transport(rays, si, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0]))
-    nodes = light_nodes(rays, si, shape, p_axes)
+    nodes = materialize(light_nodes(rays, si, shape, p_axes), si.valid)
     surface, children = model.shade(si, rays, world, media, materials_at(world, si, p_axes), settings, nodes)
 
     # Which rays are wanted, how much they count, and whose footprint spreads too widely for that.
@@ -258,39 +260,53 @@ class Queue(eqx.Module):
 
     Args:
         heads: the place of each chunk's first ray, of those that are traced and of the next one.
+        starts: the places of the camera rays that came in together, of the first of each chunk of them.
+        sent: how many camera rays came in.
         tail: the place after the last ray; beyond the queue's size if rays found no place.
-        number: how many rays are before each of them in its path, which also passes edges.
     """
 
     turn: Int[Array, ""]
     heads: Int[Array, " turns"]
+    starts: Int[Array, " chunks"]
+    sent: Int[Array, ""]
     tail: Int[Array, ""]
-    rays: tuple
-    number: Int[Array, " places"]
+    rays: PackedRays
     traced: RayRecord
+
+
+RAYS_A_PLACE = 4
+"""The queue has room for so many times the camera rays that there are places for."""
+
+
+def chunk_of(places: int) -> int:
+    """How many rays are traced at a time, if there are places for so many camera rays."""
+    size = places * RAYS_A_PLACE
+    # So many stay in a CPU's cache.
+    return min(size // 16, 512) if jax.default_backend() == "cpu" else size // 16
 
 
 def trace_queue(
     world: World,
-    rays: Rays,
+    rays_through: Callable[[Float[Array, "2 rays"]], Rays],
+    points: Float[Array, "2 places"],
     count: Int[Array, ""] | int,
     settings: ResolvedSettings,
     *,
     with_hits: bool = False,
     reversible: bool = False,
 ) -> tuple[Queue, ChildResult]:
-    """Trace camera rays and everything that they send on. The queue has places for twice as many rays as are given.
+    """Trace camera rays and everything that they send on.
 
     Args:
+        rays_through: the camera's rays through points of the picture.
+        points: where the pixels look.
         count: how many of them are to be traced, the first ones; what is said of the others has no meaning.
         reversible: whether the loop has a fixed number of turns, as reverse mode wants; else it ends with the rays.
 
     Returns:
         The queue as it is at the end, and what the ray at each of its places brings back.
     """
-    # 256 or 512 rays at a time stay in a CPU's cache, and waste little where a generation of rays ends within a chunk.
-    size = 2 * rays.path_length.shape[-1]
-    chunk = size // (32 if reversible else 16)
+    size, chunk = points.shape[1] * RAYS_A_PLACE, chunk_of(points.shape[1])
 
     def read(all_, head):
         return jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, head, chunk, -1), all_)
@@ -298,53 +314,78 @@ def trace_queue(
     def write(all_, new, place):
         return jax.tree.map(lambda x, y: jax.lax.dynamic_update_slice_in_dim(x, y, place, -1), all_, new)
 
-    def trace_chunk(head, tail, some: Rays, number) -> tuple[RayRecord, tuple, Array]:
-        """Trace one chunk: its records, the rays that it sends on with their numbers, and how many these are."""
+    def camera_rays(first) -> PackedRays:
+        return packed(rays_through(read(points, first)), jnp.zeros(chunk, jnp.int32))
+
+    def trace_chunk(head, tail, some: PackedRays) -> tuple[RayRecord, PackedRays, Array]:
+        """Trace one chunk: its records, the rays that it sends on, and how many these are."""
         live = head + jnp.arange(chunk, dtype=jnp.int32) < jnp.minimum(tail, size)
         # Stored at a place of their own: kernels that read from the middle of a queue are several times as slow.
-        some, number = materialize((some, number), live)
-        level = materialize(trace_level(world, some, live, number, settings), live)
+        some = materialize(some, live)
+        rays, number = unpacked(some), some.number
+        level = materialize(trace_level(world, rays, live, number, settings), live)
         kinds = [(wanted & live & (number < settings.levels), child) for wanted, child in level.children]
-        depth = number if some.edge_beam is None else some.beam.depth
-        places, (children, new), total = jnp.zeros((0, chunk), jnp.int32), (packed(some), number), jnp.zeros_like(tail)
+        depth = number if rays.edge_beam is None else rays.beam.depth
+        places, children, total = jnp.zeros((0, chunk), jnp.int32), some, jnp.zeros_like(tail)
         if kinds:
-            children, packing = pack_rays(kinds, chunk * len(kinds))
+            children, packing = pack_rays(kinds, number + 1)
             # A child that finds no place is black, as the place after the last one is.
             places = jnp.minimum(jnp.where(packing.slot < packing.candidate.size, tail + packing.slot, size), size)
-            new, total = gather(number, packing.candidate % chunk) + 1, packing.count
-        return RayRecord.of(level, depth, places, with_hits), (children, new), total
+            total = packing.count
+        return RayRecord.of(level, depth, places, with_hits), children, total
 
-    def nothing_traced(*given):
-        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(trace_chunk, *given))
+    def only_if(condition, function, *given):
+        """What the function gives, or zeros without asking it; in reverse mode it is computed anew."""
+        nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function, *given))
+        return jax.lax.cond(condition, jax.checkpoint(function) if reversible else function, lambda *_: nothing, *given)
 
-    def step(queue: Queue) -> Queue:
-        turn, tail = queue.turn, queue.tail
-        head = queue.heads[turn]
-        given = head, tail, unpacked(read(queue.rays, head)), read(queue.number, head)
-        # A turn after the last ray costs nothing: in reverse mode there are as many turns as a full queue needs.
-        traced, children, total = (
-            jax.lax.cond(head < jnp.minimum(tail, size), jax.checkpoint(trace_chunk), nothing_traced, *given)
-            if reversible
-            else trace_chunk(*given)
+    def refill(queue: Queue, lacks: Bool[Array, ""] | bool = True) -> Queue:
+        """Some more camera rays come in, if the queue lacks them."""
+        sent, end = queue.sent, jnp.minimum(queue.tail, size)
+        first = camera_rays(sent) if lacks is True else only_if(lacks, camera_rays, jnp.where(lacks, sent, 0))
+        starts = queue.starts.at[jnp.where(lacks, sent // chunk, len(queue.starts))].set(end, mode="drop")
+        new = jnp.where(lacks, jnp.minimum(chunk, count - sent), 0)
+        return dataclasses.replace(
+            queue, rays=write(queue.rays, first, end), starts=starts, sent=sent + new, tail=queue.tail + new
         )
-        # Where rays are fewer than a chunk, those that they send on are the next one.
-        heads = queue.heads.at[turn + 1].set(jnp.minimum(head + chunk, jnp.minimum(tail, size)))
-        all_, number = write((queue.rays, queue.number), children, jnp.minimum(tail, size))
-        return Queue(turn + 1, heads, tail + total, all_, number, write(queue.traced, traced, head))
 
-    # Down: the queue holds the camera's rays, and room for all that a last chunk may send on. Each generation of rays
-    # may end within a chunk.
-    room, turns = size + 3 * chunk, size // chunk + settings.levels + 1
-    waiting = jax.tree.map(lambda x: jnp.pad(x, [*((0, 0),) * (x.ndim - 1), (0, room - x.shape[-1])]), packed(rays))
-    start, number = jnp.zeros((), jnp.int32), jnp.zeros(room, jnp.int32)
-    one = jax.eval_shape(trace_chunk, start, start, unpacked(read(waiting, start)), read(number, start))[0]
-    nothing = jax.tree.map(lambda x: jnp.zeros((*x.shape[:-1], room), x.dtype), one)
-    heads = jnp.zeros(turns + 1, jnp.int32)
-    queue = Queue(start, heads, jnp.asarray(count, jnp.int32), waiting, number, nothing)
+    def trace_next(queue: Queue) -> Queue:
+        """Trace the next chunk, and put the rays that it sends on at the end of the queue."""
+        turn, tail, head, end = queue.turn, queue.tail, queue.heads[queue.turn], jnp.minimum(queue.tail, size)
+        # A turn after the last ray costs nothing: in reverse mode there are as many turns as a full queue needs.
+        given = head, tail, read(queue.rays, head)
+        traced, children, total = only_if(head < end, trace_chunk, *given) if reversible else trace_chunk(*given)
+        # Where rays are fewer than a chunk, those that they send on are the next one.
+        heads = queue.heads.at[turn + 1].set(jnp.minimum(head + chunk, end))
+        waiting, records = write(queue.rays, children, end), write(queue.traced, traced, head)
+        return Queue(turn + 1, heads, queue.starts, queue.sent, tail + total, waiting, records)
+
+    def waits(queue: Queue) -> Int[Array, ""]:
+        return jnp.minimum(queue.tail, size) - queue.heads[queue.turn]
+
+    def has_more(queue: Queue) -> Bool[Array, ""]:
+        return (queue.sent < count) & (queue.tail < size)
+
+    # Down: there is room for all that a last chunk may send on. What ends the queue is a generation of rays a turn.
+    room, turns = size + 3 * chunk, size // chunk + settings.levels + 2
+    start = jnp.zeros((), jnp.int32)
+    first = jax.eval_shape(camera_rays, start)
+    one = jax.eval_shape(trace_chunk, start, start, first)[0]
+    waiting, nothing = jax.tree.map(lambda x: jnp.zeros((*x.shape[:-1], room), x.dtype), (first, one))
+    heads, starts = jnp.zeros(turns + 1, jnp.int32), jnp.zeros(points.shape[1] // chunk, jnp.int32)
+    queue = Queue(start, heads, starts, start, start, waiting, nothing)
     if reversible:
-        queue, _ = jax.lax.scan(lambda queue, _: (step(queue), None), queue, length=turns)
+
+        def step(queue: Queue, _) -> tuple[Queue, None]:
+            return trace_next(refill(queue, has_more(queue) & (waits(queue) < chunk))), None
+
+        queue, _ = jax.lax.scan(step, queue, length=turns)
     else:
-        queue = jax.lax.while_loop(lambda q: q.heads[q.turn] < jnp.minimum(q.tail, size), step, queue)
+        # Camera rays come in where fewer rays wait than a chunk: only the last chunks of all are not full.
+        def go_on(queue: Queue) -> Bool[Array, ""]:
+            return waits(queue) >= jnp.where(has_more(queue), chunk, 1)
+
+        queue = jax.lax.while_loop(has_more, lambda q: jax.lax.while_loop(go_on, trace_next, refill(q)), queue)
 
     # Up: each ray blends what its children bring back. Places that are not traced stay black.
     def blend(turn, results):
@@ -365,26 +406,33 @@ def trace_queue(
     return queue, results
 
 
-def trace(world: World, rays: Rays, count: Int[Array, ""], settings: ResolvedSettings, **options: bool) -> Trace:
+def trace(world: World, rays_through, points: Float[Array, "2 places"], count, settings, **options: bool) -> Trace:
     """The outcome of each camera ray, by `trace_queue`."""
-    queue, results = trace_queue(world, rays, count, settings, **options)
-    found, si = jax.tree.map(lambda x: x[..., : rays.path_length.shape[-1]], (results, queue.traced.si))
-    return Trace(found.color, queue.tail, found.sees_edge, si, found.bounce_count)
+    queue, results = trace_queue(world, rays_through, points, count, settings, **options)
+    chunk = chunk_of(points.shape[1])
+
+    def camera_s(x):
+        each = jax.lax.map(lambda start: jax.lax.dynamic_slice_in_dim(x, start, chunk, -1), queue.starts)
+        return jnp.moveaxis(each, 0, -2).reshape(*x.shape[:-1], -1)
+
+    found, si = jax.tree.map(camera_s, (results, queue.traced.si))
+    # Camera rays that did not come in found no room.
+    return Trace(found.color, queue.tail + count - queue.sent, found.sees_edge, si, found.bounce_count)
 
 
 def trace_channels(
-    world: World, rays: Rays, count: Int[Array, ""], settings: ResolvedSettings, **options: bool
+    world: World, rays_through, points: Float[Array, "2 places"], count, settings: ResolvedSettings, **options: bool
 ) -> Trace:
     """`trace`, and where glass has dispersion one channel after the other, which takes three times as long.
 
     What is not a colour comes from the green channel. Only of rays and edges what any channel wants or sees counts.
     """
     if world.channel_ior is None:
-        return trace(world, rays, count, settings, **options)
+        return trace(world, rays_through, points, count, settings, **options)
 
     def trace_one(ior):
         one = eqx.tree_at(lambda w: w.materials.ior, world, ior)
-        return trace(one, rays, count, settings, **options)
+        return trace(one, rays_through, points, count, settings, **options)
 
     each = jax.lax.map(jax.checkpoint(trace_one, prevent_cse=False), world.channel_ior)
     color = jnp.stack([each.color[channel, channel] for channel in range(3)])

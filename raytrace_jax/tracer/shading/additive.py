@@ -5,6 +5,8 @@ to face the ray; where it had to be turned the ray is inside. Rays that a hit se
 surface, as the report has it, so that they do not meet it again.
 """
 
+import functools
+import operator
 from operator import attrgetter
 from typing import Any
 
@@ -17,11 +19,11 @@ from raytrace_jax.optics.fresnel import schlick_share
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.lights import light_fractions, light_samples
+from raytrace_jax.tracer.shading.lights import LightSample, light_fractions, over_lights
 from raytrace_jax.tracer.shading.model import Children, Media, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_fractions, total_fraction
 from raytrace_jax.tracer.world import World
-from raytrace_jax.util.numerics import dot, materialize, per_ray, safe_normalize
+from raytrace_jax.util.numerics import dot, per_ray, safe_normalize
 
 OFFSET = 1e-3
 """The distance off a surface at which its rays start, in units of length (`World.unit`): the report's number."""
@@ -73,32 +75,22 @@ def local_light(hits: Hits, nodes: Nodes, entering: Flags, m: Any, world: World,
     """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes."""
     p, n, d = nodes.p, facing(nodes.n, entering), nodes.d
     origins = p + OFFSET * world.unit * n
-    diffuse_sum = specular_sum = jnp.zeros_like(hits.p)
-    dark = jnp.ones_like(p[0])
-    for light in light_samples(world.lights, p):
-        toward = light.direction
-        cos = dot(n, toward)
-        above, free = materialize(
-            (
-                positive_fractions(cos),
-                light_fractions(origins, hits.shape, light.location, entering, world, settings),
-            ),
-            hits.valid,
-        )
 
+    def one_light(light: LightSample) -> tuple[Vectors, Vectors, Array]:
+        cos, above = dot(n, light.direction), positive_fractions(dot(n, light.direction))
+        free = light_fractions(origins, hits.shape, light.location, entering, world, settings)
         # Diffuse light fades by itself towards where the light sets; a highlight does not.
-        irradiance = free * light.energy / light.squared_distance
-        half = safe_normalize(toward - d)
+        irradiance = free * light.energy * (1 / light.squared_distance)
+        half = safe_normalize(light.direction - d)
         # The cosine to a power, whose logarithm stays finite: at 1e-6 a highlight is a millionth of its peak, or less.
         lobe = jnp.exp(m.hardness * jnp.log(jnp.maximum(dot(n, half), 1e-6)))
-        diffuse, specular = mean(irradiance * jnp.maximum(cos, 0)), mean(irradiance * above * lobe)
-        dark = dark * (1 - free * above)
-        # Once, not anew for each channel.
-        diffuse, specular, dark = materialize((diffuse, specular, dark), hits.valid)
         emissivity = per_ray(light.emissivity, hits.t.ndim)
-        diffuse_sum += diffuse * emissivity
-        specular_sum += specular * emissivity
-    local = m.diffuse * diffuse_sum + m.specular * specular_sum + m.diffuse * m.ambient * mean(dark)
+        diffuse, specular = mean(irradiance * jnp.maximum(cos, 0)), mean(irradiance * above * lobe)
+        return diffuse * emissivity, specular * emissivity, 1 - free * above
+
+    diffuse, specular, dark = over_lights(one_light, world.lights, p)
+    dark = functools.reduce(operator.mul, dark, jnp.ones_like(p[0]))
+    local = m.diffuse * jnp.sum(diffuse, 0) + m.specular * jnp.sum(specular, 0) + m.diffuse * m.ambient * mean(dark)
     return jnp.where(hits.valid, local, 0)
 
 

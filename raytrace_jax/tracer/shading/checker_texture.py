@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.rays import Scalars
 from raytrace_jax.tracer.shading.quadrature import parts
-from raytrace_jax.util.numerics import clamp01, with_lower_ranks
+from raytrace_jax.util.numerics import clamp01, select, with_lower_ranks
 
 LEAST_RATIO = 3e-3
 """The lesser extent of a footprint counts as at least so much of the larger one: differences are divided by both."""
@@ -34,91 +34,90 @@ def checker_fraction(
         square: length of a side.
         offset: where a square of the first colour has its corner.
     """
-    x, y = (position - offset) / square
+    place = (position - offset) / square
     if axes is None:
-        return 1 - jnp.abs(jnp.floor(x) + jnp.floor(y)) % 2
+        return 1 - jnp.abs(jnp.sum(jnp.floor(place), 0)) % 2
     # 4 x 4 parts, 8 x 2 for long footprints. Up to two squares wide the worst error is .019 (.039 for a skew
     # footprint of four squares); with 2 x 2 or 4 x 1 parts it is .071. The derivative by place is .99 to 1.03 of the
     # true one in the mean, and off by a tenth to a quarter in single footprints. The first order may go a little
     # beyond 0 and 1.
-    return clamp01((1 + _mean_product(x, y, axes / square)) / 2)
+    return clamp01((1 + mean_product(place, axes / square)) / 2)
 
 
-def _mean_of_parts(x: Scalars, y: Scalars, axes: Float[Array, "2 2 *rays"]) -> Scalars:
+@jax.custom_jvp
+def mean_product(place: Float[Array, "2 *rays"], axes: Float[Array, "2 2 *rays"]) -> Scalars:
     """The mean of s(x) s(y) over parallelograms, in squares."""
-    divided = parts(axes, 4)
-    (first_x, first_y), (second_x, second_y) = divided.axes
-    x, x_slope = _square_wave(x + divided.middles[:, 0], first_x, second_x)
-    y, y_slope = _square_wave(y + divided.middles[:, 1], first_y, second_y)
-    covariance = (first_x * first_y + second_x * second_y) / 12
-    # A product with equal weights is one kernel: of sums of slices XLA computes all parts anew in each.
-    weights = jnp.full(len(x), 1 / len(x), x.dtype)
-    return jnp.tensordot(weights, x * y + covariance * x_slope * y_slope, 1, precision=jax.lax.Precision.HIGHEST)
+    return _mean_and_slopes(place, axes)[0]
 
 
-_mean_product = jax.custom_jvp(_mean_of_parts)
-"""`_mean_of_parts` with the derivatives by place of the mean: not one of each part for each direction."""
-
-
-@with_lower_ranks
 def _mean_product_jvp(primals, tangents):
-    x, y, axes = primals
-    moved = [not isinstance(tangent, jax.custom_derivatives.SymbolicZero) for tangent in tangents]
-    if moved[2]:
+    (place, axes), (place_dot, axes_dot) = primals, tangents
+    if not isinstance(axes_dot, jax.custom_derivatives.SymbolicZero):
         # The squares' size changes.
-        changes = tuple(
-            t if is_moved else jnp.zeros(t.shape, t.dtype) for t, is_moved in zip(tangents, moved, strict=True)
-        )
-        return jax.jvp(_mean_of_parts, primals, changes)
-    mean = _mean_product(x, y, axes)
-    change = jnp.zeros_like(mean)
-    if moved[0]:
-        change += jax.jvp(lambda x: _mean_of_parts(x, y, axes), (x,), (jnp.ones_like(x),))[1] * tangents[0]
-    if moved[1]:
-        change += jax.jvp(lambda y: _mean_of_parts(x, y, axes), (y,), (jnp.ones_like(y),))[1] * tangents[1]
-    return mean, change
+        zero = jnp.zeros_like(place)
+        change = zero if isinstance(place_dot, jax.custom_derivatives.SymbolicZero) else place_dot
+        return jax.jvp(lambda *given: _mean_and_slopes(*given)[0], primals, (change, axes_dot))
+    # The derivatives by place once, not of each part for each direction.
+    mean, slopes = _mean_and_slopes(place, axes)
+    return mean, jnp.sum(slopes * place_dot, 0)
 
 
-_mean_product.defjvp(_mean_product_jvp, symbolic_zeros=True)
+mean_product.defjvp(with_lower_ranks(_mean_product_jvp), symbolic_zeros=True)
 
 
-def _square_wave(
-    x: Float[Array, "parts *rays"], a: Scalars, b: Scalars
-) -> tuple[Float[Array, "parts *rays"], Float[Array, "parts *rays"]]:
-    """The mean of the square wave over the trapezoid that a parallelogram with extents a and b has on x; its slope."""
+def _mean_and_slopes(
+    place: Float[Array, "2 *rays"], axes: Float[Array, "2 2 *rays"]
+) -> tuple[Scalars, Float[Array, "2 *rays"]]:
+    """The mean of s(x) s(y) over parallelograms, and its derivatives by place."""
+    divided = parts(axes, 4)
+    first, second = divided.axes
+    value, slope, bend = _square_wave(place[:, None] + jnp.moveaxis(divided.middles, 0, 1), first, second)
+    covariance = jnp.sum(jnp.prod(divided.axes, axis=1), 0) / 12
+    terms = jnp.prod(value, 0) + covariance * jnp.prod(slope, 0)
+    slopes = slope * value[::-1] + covariance * bend * slope[::-1]
+    # A product with equal weights is one kernel: of sums of slices XLA computes all parts anew in each.
+    weights = jnp.full(terms.shape[0], 1 / terms.shape[0], terms.dtype)
+    each = [jnp.tensordot(weights, x, 1, precision=jax.lax.Precision.HIGHEST) for x in (terms, *slopes)]
+    return each[0], jnp.stack(each[1:])
+
+
+Wave = tuple[Float[Array, "2 parts *rays"], Float[Array, "2 parts *rays"], Float[Array, "2 parts *rays"]]
+"""The mean of the square wave along x and along y, its slope, and how the slope changes."""
+
+
+def _square_wave(x: Float[Array, "2 parts *rays"], a: Float[Array, "2 *rays"], b: Float[Array, "2 *rays"]) -> Wave:
+    """The wave over the trapezoids that a parallelogram with extents a and b has on x and on y."""
     a, b = jnp.abs(a), jnp.abs(b)
     # No footprint is narrower than a millionth of a square, so that it has a derivative at an edge.
     wide = jnp.maximum(jnp.maximum(a, b), 1e-6)
     narrow = jnp.maximum(jnp.minimum(a, b), LEAST_RATIO * wide)
-    near, near_slope = _at_one_edge(x, wide, narrow)
-    far, far_slope = _at_many_edges(x, jnp.maximum(wide, 0.5), jnp.maximum(narrow, 0.5 * LEAST_RATIO))
-    one = wide + narrow < 1
-    return jnp.where(one, near, far), jnp.where(one, near_slope, far_slope)
+    near = _at_one_edge(x, wide[:, None], narrow[:, None])
+    far = _at_many_edges(x, jnp.maximum(wide, 0.5)[:, None], jnp.maximum(narrow, 0.5 * LEAST_RATIO)[:, None])
+    return select((wide + narrow < 1)[:, None], near, far)
 
 
-def _at_one_edge(x, wide, narrow) -> tuple[Array, Array]:
+def _at_one_edge(x, wide, narrow) -> Wave:
     """The wave where no more than the nearest edge is seen: the mean over `narrow` of a ramp as wide as `wide`."""
     edge = jnp.round(x)
-    sign = 1 - 2 * (jnp.abs(edge) % 2)
-    low, high = x - edge - narrow / 2, x - edge + narrow / 2
-    start, end = jnp.clip(-wide / 2, low, high), jnp.clip(wide / 2, low, high)
+    sign = (1 - 2 * (jnp.abs(edge) % 2)) / narrow
+    low, high, half = x - edge - narrow / 2, x - edge + narrow / 2, wide / 2
+    start, end = jnp.clip(-half, low, high), jnp.clip(half, low, high)
     ramp = (end - start) * (end + start) / wide
-    return sign * (ramp + (high - end) - (start - low)) / narrow, sign * 2 * (end - start) / (wide * narrow)
+    steep = sign * 2 / wide
+    # Within the ramp both ends move with x, and the slope stays.
+    beyond = [(end < low) | (end > high) for end in (half, -half)]
+    moves = beyond[0].astype(x.dtype) - beyond[1].astype(x.dtype)
+    return sign * (ramp + (high - end) - (start - low)), steep * (end - start), steep * moves
 
 
-def _at_many_edges(x, wide, narrow) -> tuple[Array, Array]:
+def _at_many_edges(x, wide, narrow) -> Wave:
     """Second differences of integrals of the wave: well conditioned for wide ones, whatever the number of edges."""
-
-    def difference(integral):
-        ends = [integral(x + (i * wide + j * narrow) / 2) for i in (1, -1) for j in (1, -1)]
-        return (ends[0] - ends[1] - ends[2] + ends[3]) / (wide * narrow)
-
-    def triangle(x):
-        phase = x - 2 * jnp.floor(x / 2)
-        return jnp.where(phase < 1, phase, 2 - phase)
-
-    def parabolas(x):
-        within = triangle(x)
-        return jnp.where(x - 2 * jnp.floor(x / 2) < 1, 1, -1) * within * (within - 1) / 2
-
-    return difference(parabolas), difference(triangle)
+    i, j, sign = jnp.asarray([(i, j, i * j) for i in (0.5, -0.5) for j in (0.5, -0.5)], x.dtype).T
+    i, j, sign = (side.reshape(4, *(1,) * x.ndim) for side in (i, j, 4 * sign))
+    ends = x + (i * wide + j * narrow)
+    phase = ends - 2 * jnp.floor(ends / 2)
+    wave = jnp.where(phase < 1, 1, -1)
+    triangle = jnp.where(phase < 1, phase, 2 - phase)
+    scale = 1 / (wide * narrow)
+    integrals = wave * triangle * (triangle - 1) / 2, triangle, wave
+    return tuple(scale * jnp.sum(sign * integral, 0) for integral in integrals)

@@ -18,11 +18,11 @@ from raytrace_jax.scene.scene import PointLights
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.lights import LightSample, light_samples
+from raytrace_jax.tracer.shading.lights import LightSample, over_lights
 from raytrace_jax.tracer.shading.model import Children, Media, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_fractions, total_fraction
 from raytrace_jax.tracer.world import World
-from raytrace_jax.util.numerics import any_nonzero, clamp01, dot, materialize, per_ray
+from raytrace_jax.util.numerics import any_nonzero, clamp01, dot, materialize
 
 
 class Surface(eqx.Module):
@@ -145,26 +145,19 @@ def light_sums(
     Returns:
         The sums with the diffuse weight and with the specular one.
     """
+    view_cos = dot(nodes.d, nodes.n)
 
     def one_light(light: LightSample):
         inverse_r = light.inverse_distance
         cos = dot(nodes.n, light.toward) * inverse_r
         # R.V with R = reflect(L, n) and V = -d, without building R; its 32nd power.
-        lobe = 2 * cos * dot(nodes.d, nodes.n) - dot(light.toward, nodes.d) * inverse_r
-        for _ in range(5):
-            lobe = lobe * lobe
+        lobe = (2 * cos * view_cos - dot(light.toward, nodes.d) * inverse_r) ** 32
         lit = jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype)
         # Unlike diffuse light a highlight does not fade towards where the light sets: a footprint sees it in part.
         fraction = lit if nodes.single else positive_fractions(cos)
         return mean(lit * inverse_r * cos), mean(fraction * inverse_r * lobe)
 
-    samples = list(light_samples(lights, nodes.p))
-    amounts = [one_light(light) for light in samples]
-    if not nodes.single:  # Much to compute anew for each channel; of a single point it is little.
-        amounts = materialize(amounts, valid)
-    diffuse = specular = jnp.zeros((3, *valid.shape), nodes.p.dtype)
-    for light, (diffuse_amount, specular_amount) in zip(samples, amounts, strict=True):
-        emissivity = per_ray(light.emissivity, 1)
-        diffuse += diffuse_amount * emissivity
-        specular += specular_amount * emissivity
-    return diffuse, specular
+    # Much to compute anew for each channel.
+    diffuse, specular = materialize(over_lights(one_light, lights, nodes.p), valid)
+    emissivity = lights.emissivity[:, :, None]
+    return jnp.sum(emissivity * diffuse, 1), jnp.sum(emissivity * specular, 1)

@@ -1,6 +1,6 @@
 """Light on a surface: every light as points ask it, and the fraction of it that reaches a hit past the shapes between.
 
-A new type of light has its samples in a function of its own, which `light_samples` goes through too.
+A new type of light has its samples in a function of its own, which `over_lights` goes through too.
 
 Each shape has a *clearance*, a smooth function of the point that is lit: positive where the shape does not cut the way
 to the light, zero on the edge of its shadow. A single point is lit or not; of a footprint
@@ -9,8 +9,8 @@ derivative of shadow edges.
 """
 
 import operator
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,8 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.quadrature import positive_fractions
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, vectors_to
+
+T = TypeVar("T")
 
 
 class LightSample(NamedTuple):
@@ -44,23 +46,26 @@ class LightSample(NamedTuple):
     @property
     def direction(self) -> Vectors:
         """The direction to the light, of length one."""
-        return self.toward / jnp.sqrt(self.squared_distance)
+        return self.toward * self.inverse_distance
 
     @property
     def inverse_distance(self) -> Scalars:
         """One over the distance: the fall-off of the course's classic model, and what makes `toward` a direction."""
-        return 1 / jnp.sqrt(self.squared_distance)
+        return jax.lax.rsqrt(self.squared_distance)
 
 
-def light_samples(lights: PointLights, p: Vectors) -> Iterator[LightSample]:
-    """Every light as seen from points `p`; whether anything is in between is the models' to ask (`light_fractions`)."""
-    for k in range(len(lights.names)):
-        location = lights.location[:, k]
+def over_lights(answer: Callable[[LightSample], T], lights: PointLights, p: Vectors) -> T:
+    """The answers of all lights as seen from points `p`, the lights on the first axis.
+
+    Whether anything is in between is the models' to ask (`light_fractions`).
+    """
+
+    def one(location: Float[Array, "3"], emissivity: Float[Array, "3"], energy: Float[Array, ""]) -> T:
         toward = vectors_to(location, p)
         squared = dot(toward, toward)
-        yield LightSample(
-            toward, jnp.where(squared > 0, squared, 1), location, lights.emissivity[:, k], lights.energy[k]
-        )
+        return answer(LightSample(toward, jnp.where(squared > 0, squared, 1), location, emissivity, energy))
+
+    return jax.vmap(one, in_axes=-1)(lights.location, lights.emissivity, lights.energy)
 
 
 def light_fractions(

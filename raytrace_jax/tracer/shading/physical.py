@@ -33,7 +33,7 @@ from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.image_texture import environment_colors
-from raytrace_jax.tracer.shading.lights import light_fractions, light_samples
+from raytrace_jax.tracer.shading.lights import LightSample, light_fractions, over_lights
 from raytrace_jax.tracer.shading.model import Children, Media, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of
 from raytrace_jax.tracer.world import World
@@ -84,13 +84,15 @@ def lambert_light(hits: Hits, nodes: Nodes, entering: Flags, world: World, setti
     # A little off the surface, lest rounding decides on which side of it the way to a light begins.
     origins = p + least_distance(world.unit) * n
     transmission = world.materials.transmission
-    total = jnp.zeros_like(hits.p)
-    for light in light_samples(world.lights, p):
+
+    def one_light(light: LightSample) -> Vectors:
         cos = jnp.maximum(dot(n, light.toward) * light.inverse_distance, 0)
         fraction = light_fractions(origins, hits.shape, light.location, entering, world, settings, transmission)
-        irradiance = materialize(mean(fraction * cos / light.squared_distance), hits.valid)
-        total += irradiance * per_ray(light.emissivity, hits.t.ndim) / math.pi
-    return total
+        return mean(fraction * cos * (1 / light.squared_distance))
+
+    irradiance = materialize(over_lights(one_light, world.lights, p), hits.valid)
+    emissivity = world.lights.emissivity.reshape(*world.lights.emissivity.shape, *(1,) * hits.t.ndim)
+    return jnp.sum(emissivity * irradiance, 1) / math.pi
 
 
 def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:

@@ -30,10 +30,10 @@ def positive_fractions(values: Float[Array, "*nodes rays"]) -> Float[Array, "*no
     if values.ndim == 1:
         return (values > 0).astype(values.dtype)
     middle = mean(values)
-    spread = functools.reduce(jnp.maximum, values) - functools.reduce(jnp.minimum, values)
-    spread = jnp.maximum(jax.lax.stop_gradient(spread), LEAST_CHANGE)
+    fixed = jax.lax.stop_gradient(values)
+    steepness = 1 / jnp.maximum(jnp.max(fixed, 0) - jnp.min(fixed, 0), LEAST_CHANGE)
     # A Gauss-Legendre node lies sqrt(4/3) times as far from the middle as the middle of its half does.
-    return clamp01(0.5 + (values - middle + middle * (4 / 3) ** 0.5) / spread)
+    return clamp01(0.5 + (values + ((4 / 3) ** 0.5 - 1) * middle) * steepness)
 
 
 def total_fraction(nodes: Nodes, eta: Float[Array, " rays"]) -> Float[Array, " rays"]:
@@ -43,11 +43,8 @@ def total_fraction(nodes: Nodes, eta: Float[Array, " rays"]) -> Float[Array, " r
 
 
 def mean(values: Float[Array, "*nodes rays"]) -> Float[Array, " rays"]:
-    """The mean over the nodes, written out: a reduction over a tiny leading axis is slow on the CPU.
-
-    Of single points it is the values themselves.
-    """
-    return values if values.ndim == 1 else functools.reduce(operator.add, values) / len(values)
+    """The mean over the nodes; of single points it is the values themselves."""
+    return values if values.ndim == 1 else functools.reduce(operator.add, values) * (1 / len(values))
 
 
 def nodes_of(hits: Hits, d: Float[Array, "3 rays"], nodes: Nodes | None) -> Nodes:
