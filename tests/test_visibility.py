@@ -37,7 +37,7 @@ def test_a_cut_pixel_against_counting(d, angle):
     near = along > -d
     cut = jitted_cut(jnp.asarray(d), jnp.asarray(normal))
     assert float(cut.area) == pytest.approx(near.mean(), abs=5e-3)
-    for part, shift, width in ((near, cut.near_shift, cut.near_width), (~near, cut.far_shift, cut.far_width)):
+    for part, shift, width in zip((near, ~near), cut.shift, cut.width, strict=True):
         if part.mean() > 0.02:
             assert float(shift) == pytest.approx(along[part].mean(), abs=5e-3)
             assert float(width) == pytest.approx(along[part].std() / along.std(), abs=2e-2)

@@ -33,7 +33,7 @@ def draw_cut(axes) -> None:
         np.where(far[..., None], (0.98, 0.87, 0.72), (0.81, 0.89, 0.97)), extent=(-0.5, 0.5, -0.5, 0.5), origin="lower"
     )
     axes.plot(*ends.T, color="black", linewidth=1.5)
-    labels = ((cut.near_shift, "near: hits the surface", 8), (cut.far_shift, "far: goes\npast the edge", -26))
+    labels = ((cut.shift[0], "near: hits the surface", 8), (cut.shift[1], "far: goes\npast the edge", -26))
     for shift, label, up in labels:
         at = float(shift) * normal
         axes.plot(*at, "o", color="black")

@@ -52,7 +52,7 @@ MUTATIONS = {
         "tracer/shading/physical.py", "first = (radius < size)", "first = (radius > size)", "physical"
     ),
     "lambert_falloff": Mutation(
-        "tracer/shading/physical.py", "cos / light.squared_distance", "cos * light.inverse_distance", "physical"
+        "tracer/shading/physical.py", "cos * (1 / light.squared_distance)", "cos * light.inverse_distance", "physical"
     ),
     "self_hit": Mutation(
         "tracer/geometry/sphere.py",
@@ -67,13 +67,13 @@ MUTATIONS = {
         "tracer/levels/integrator.py", "tail + packing.slot, size)", "tail + packing.slot + 1, size)", "classic render"
     ),
     "edge_of_a_ball": Mutation(
-        "tracer/geometry/sphere.py", "[-dot(passing.across", "[dot(passing.across", "visibility footprints"
+        "tracer/geometry/sphere.py", "1) * (-1 / radius)", "1) * (1 / radius)", "visibility footprints"
     ),
     "pixel_row": Mutation(
         "tracer/geometry/camera.py", "from_bottom = (height - 1) - row", "from_bottom = height - row", "cameras render"
     ),
     "checker_edges": Mutation(
-        "tracer/shading/checker_texture.py", "ends[0] - ends[1] - ends[2]", "ends[0] - ends[1] + ends[2]", "textures"
+        "tracer/shading/checker_texture.py", "(i, j, i * j) for", "(i, j, abs(i * j)) for", "textures"
     ),
     "cauchy_guard": Mutation("inverse/linearize.py", "large = squared > 1e-8", "large = squared > -1.0", "losses"),
     "bounded_reach": Mutation("inverse/steps.py", "side * downhill > 0", "side * downhill < 0", "bounds"),

@@ -98,7 +98,7 @@ class Bench:
                 moved = set_parameters(scene, {name: values[k] for k, name in enumerate(self.names)})
 
                 def camera_rays(points):
-                    return rays_through(moved.camera, self.settings, *points, jnp.asarray(step))
+                    return rays_through(moved.camera, self.settings, points[0], points[1], jnp.asarray(step))
 
                 world = prepare_world(moved, self.settings)
                 traced = trace(world, camera_rays, padded, jnp.int32(pixels), self.settings)

@@ -75,9 +75,20 @@ def renormalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
     return a * ((3 - dot(a, a)) / 2)
 
 
+@jax.custom_jvp
 def safe_normalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
     """Vectors of length one along `a`; what is shorter than 1e-6 stays short, with a finite derivative."""
     return a * jax.lax.rsqrt(jnp.maximum(dot(a, a), 1e-12))
+
+
+@safe_normalize.defjvp
+def _safe_normalize_jvp(primals, tangents):
+    (a,), (a_dot,) = primals, tangents
+    squared = dot(a, a)
+    inverse = jax.lax.rsqrt(jnp.maximum(squared, 1e-12))
+    n = a * inverse
+    # A vector of length one turns, and does not grow.
+    return n, (a_dot - jnp.where(squared > 1e-12, dot(n, a_dot), 0) * n) * inverse
 
 
 def safe_sqrt(x: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
@@ -128,6 +139,11 @@ def _clamp01_jvp(primals, tangents):
 def select(condition: Bool[Array, " *rays"], this: T, other: T) -> T:
     """Ray by ray the leaves of one pytree or of another; the rays lie on their last axes."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), this, other)
+
+
+def unstacked(values: T, count: int) -> list[T]:
+    """The pytrees that lie side by side on the leaves' first axes."""
+    return [jax.tree.map(lambda x: x[k], values) for k in range(count)]  # noqa: B023
 
 
 def any_nonzero(color: Float[Array, "3 *rays"]) -> Bool[Array, " *rays"]:

@@ -115,16 +115,17 @@ def rays_through(camera: Camera, settings: ResolvedSettings, u: Scalars, v: Scal
         settings: with `edges="aware"` each ray stands for the pixel around its point, or for one of its samples' part.
         step: how far `u` is from one pixel to the next to the right, and `v` to the next down.
     """
-    look = functools.partial(ray, camera)
-    o, direction = look(u, v)
-    d = normalize(direction)
-    beam = None
-    if settings.edges == "aware":
-        zero, one = jnp.zeros_like(u), jnp.ones_like(u)
-        steps = [jax.jvp(look, (u, v), tangent)[1] for tangent in ((step[0] * one, zero), (zero, step[1] * one))]
-        origins, turns = (jnp.stack(axes) / settings.samples for axes in zip(*steps, strict=True))
+    look, beam = functools.partial(ray, camera), None
+    if settings.edges != "aware":
+        o, direction = look(u, v)
+        d = normalize(direction)
+    else:
+        one, sides = jnp.ones_like(u), jnp.diag(step)
+        turned = jax.vmap(lambda side: jax.jvp(look, (u, v), (side[0] * one, side[1] * one)), out_axes=(None, 0))
+        (o, direction), axes = turned(sides)
+        d, (origins, turns) = normalize(direction), jax.tree.map(lambda x: x / settings.samples, axes)
         toward = turns / jnp.sqrt(dot(direction, direction))
-        spread = toward - dot(jnp.moveaxis(toward, 1, 0), d[:, None])[:, None] * d
+        spread = toward - jnp.sum(toward * d, 1)[:, None] * d
         footprint = jax.lax.stop_gradient(Footprint(origins, spread))
         nothing = jnp.full((2, *u.shape), NO_SHAPE, jnp.int32)
         none = jnp.zeros(u.shape, jnp.int32)

@@ -60,7 +60,7 @@ def image_plane_cut(rays: Rays, shape: Shapes, t: Scalars, near: Approach) -> Ed
     """The edge where the course's planes end: they are not seen in front of the image plane, z > 0."""
     footprint = rays.beam.footprint
     fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
-    slope = jnp.stack([-(footprint.o[k, 2] + fixed * footprint.d[k, 2] + near.slope[k] * d_z) for k in range(2)])
+    slope = -(footprint.o[:, 2] + fixed * footprint.d[:, 2] + near.slope * d_z)
     return Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.fraction)
 
 

@@ -70,8 +70,8 @@ def edges(
     found = []
     for value, side, axis in zip(within_borders(p, shape), unit_sides(fixed.axes), fixed.axes, strict=True):
         outward = jnp.where(dot(fixed_p - fixed.position, side) < 0, -1, 1)
-        moves = [footprint.o[k] + fixed_t * footprint.d[k] + near.slope[k] * d for k in range(2)]
-        slope = jnp.stack([-outward * dot(move, side) for move in moves])
+        moves = footprint.o + fixed_t * footprint.d + near.slope[:, None] * d
+        slope = -outward * jnp.sum(moves * side, 1)
         # A rectangle narrower than the footprint has both borders of a pair in it: they fade, as a small sphere's do.
         fraction = jnp.minimum(near.fraction, shapes.fraction_of_radius(slope, dot(side, axis)))
         found.append(Edge(jnp.ones_like(t, bool), value, slope, fraction))

@@ -20,7 +20,7 @@ from raytrace_jax.tracer.geometry.rays import UNROLL, Flags
 from raytrace_jax.tracer.geometry.rectangle import RECTANGLE
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.geometry.sphere import SPHERE
-from raytrace_jax.util.numerics import dot, select, with_lower_ranks
+from raytrace_jax.util.numerics import dot, select, unstacked, with_lower_ranks
 
 SHAPE_TYPES: dict[str, ShapeType] = {"plane": PLANE, "sphere": SPHERE, "rectangle": RECTANGLE}
 """The types of shapes, by their keywords in a scene's file."""
@@ -47,17 +47,25 @@ def fold_shapes(
         settle: what to do with all answers before they are put together, and with what is found after each, where they
             are few. Chains of selections that feed each other are one kernel otherwise, which computes them anew.
     """
-    asked = [(index, name) for index, name in enumerate(types) if name not in leave_out]
-    if len(asked) <= UNROLL:
-        for answer in settle([ask(SHAPE_TYPES[name], index) for index, name in asked]):
+    names = [name for name in SHAPE_TYPES if name not in leave_out]
+    asked = {name: [k for k, other in enumerate(types) if other == name] for name in names}
+    if sum(map(len, asked.values())) <= UNROLL:
+        answers = []
+        for name, indices in asked.items():
+            if len(indices) == 1:
+                answers.append(ask(SHAPE_TYPES[name], indices[0]))
+            elif indices:
+                each = jax.vmap(functools.partial(ask, SHAPE_TYPES[name]))(jnp.asarray(indices, jnp.int32))
+                answers += unstacked(each, len(indices))
+        for answer in settle(answers):
             start = settle(combine(start, answer))
         return start
-    for name, shape_type in SHAPE_TYPES.items():
-        indices = jnp.asarray([index for index, other in asked if other == name], jnp.int32)
-        if len(indices):
+    for name, indices in asked.items():
+        if indices:
+            places = jnp.asarray(indices, jnp.int32)
 
-            def step(k, found, shape_type=shape_type, indices=indices):
-                return combine(found, ask(shape_type, indices[k]))
+            def step(k, found, shape_type=SHAPE_TYPES[name], places=places):
+                return combine(found, ask(shape_type, places[k]))
 
             start = jax.lax.fori_loop(0, len(indices), step, start)
     return start

@@ -185,23 +185,22 @@ def approach(rays: Rays, shape: Shapes, t: Scalars, side: Scalars | None = None)
     n = shape.normal if side is None else surface_normal(rays.o + t * rays.d, shape)
     cos = dot(n, rays.d)
     footprint = rays.beam.footprint
-    across = [footprint.o[k] + t * footprint.d[k] for k in range(2)]
-    divide_by = divisor(cos, GRAZING, side)
-    slope = jnp.stack([-dot(n, across[k]) / divide_by for k in range(2)])
-    change = jnp.abs(dot(n, footprint.d[0])) + jnp.abs(dot(n, footprint.d[1]))
+    across = footprint.o + t * footprint.d
+    slope = jnp.sum(n * across, 1) * (-1 / divisor(cos, GRAZING, side))
+    change = jnp.sum(jnp.abs(jnp.sum(n * footprint.d, 1)), 0)
     if side is not None:
-        change += shape.curvature * jnp.sqrt(dot(across[0], across[0]) + dot(across[1], across[1]) + TINY_32)
+        change += shape.curvature * jnp.sqrt(jnp.sum(across * across, (0, 1)) + TINY_32)
     return Approach(slope, jnp.clip(2 * FADE_COS * jnp.abs(cos) / (change + TINY_32), LEAST_SHARE, 1))
 
 
 def fraction_of_radius(slope: Float[Array, "2 *rays"], radius: Scalars) -> Scalars:
     """The fraction of the footprint over which an event function changes by no more than a radius (or half a side)."""
-    return jnp.clip(FADE_RADIUS * radius / (jnp.abs(slope[0]) + jnp.abs(slope[1]) + TINY_32), LEAST_SHARE, 1)
+    return jnp.clip(FADE_RADIUS * radius / (jnp.sum(jnp.abs(slope), 0) + TINY_32), LEAST_SHARE, 1)
 
 
 def extent(edge: Edge) -> Scalars:
     """The change of the event function from the footprint's centre to its farthest corner."""
-    return (jnp.abs(edge.slope[0]) + jnp.abs(edge.slope[1])) / 2
+    return jnp.sum(jnp.abs(edge.slope), 0) / 2
 
 
 def is_within(edge: Edge) -> Flags:

@@ -21,13 +21,13 @@ class Chord(NamedTuple):
 
     Args:
         along: signed distance along the ray to its point nearest to the centre.
-        across: the components of the vector from the centre to that point.
+        across: the vector from the centre to that point.
         discriminant: the radius squared less the square of that vector; positive where the ray meets the sphere.
         half: half the length of the chord; 0 where there is none.
     """
 
     along: Scalars
-    across: list[Scalars]
+    across: Vectors
     discriminant: Scalars
     half: Scalars
 
@@ -38,9 +38,9 @@ def chord(rays: Rays, shape: Shapes) -> Chord:
     The discriminant is `r^2 - |oc - (oc.d) d|^2`, the form that loses no digits when the sphere is far away or small
     (Haines et al., Precision improvements for ray/sphere intersection, Ray Tracing Gems, 2019).
     """
-    from_center = [rays.o[k] - shape.position[k] for k in range(3)]
+    from_center = rays.o - shape.position.reshape(3, *shape.position.shape[1:] or (1,) * (rays.o.ndim - 1))
     along = -dot(from_center, rays.d)
-    across = [from_center[k] + along * rays.d[k] for k in range(3)]
+    across = from_center + along * rays.d
     discriminant = shape.radius * shape.radius - dot(across, across)
     return Chord(along, across, discriminant, safe_sqrt(discriminant))
 
@@ -81,9 +81,7 @@ def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
 def silhouette(rays: Rays, passing: Chord, radius: Scalars, value: Scalars) -> Edge:
     """The silhouette of a sphere, given how the ray passes it and how far inside of the outline that is."""
     footprint = rays.beam.footprint
-    slope = jnp.stack(
-        [-dot(passing.across, footprint.o[k] + passing.along * footprint.d[k]) / radius for k in range(2)]
-    )
+    slope = jnp.sum(passing.across * (footprint.o + passing.along * footprint.d), 1) * (-1 / radius)
     fraction = jax.lax.stop_gradient(shapes.fraction_of_radius(slope, radius))
     return Edge(jnp.ones_like(value, bool), value, slope, fraction)
 

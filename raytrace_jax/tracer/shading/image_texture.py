@@ -6,15 +6,17 @@ u = (c + .5) / w, v = 1 - (r + .5) / h: row 0 is the top.
 """
 
 import math
+from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.scene.setting_words import TextureFilter, TextureWrap
 from raytrace_jax.tracer.geometry.rays import Integers, Scalars, Vectors, take_column
 from raytrace_jax.tracer.shading.quadrature import mean, parts
-from raytrace_jax.util.numerics import TINY_32, clamp01, dot
+from raytrace_jax.util.numerics import TINY_32, clamp01, dot, with_lower_ranks
 
 Wrap = tuple[TextureWrap, TextureWrap]
 """What is beyond a picture's border, along u and along v."""
@@ -167,6 +169,18 @@ def image_colors(
             return between_texels(pyramid, level, u, v, (wrap, wrap))
         rows, columns = pyramid.size(level)
         return pyramid.texel(level, jnp.floor((1 - v) * rows), jnp.floor(u * columns), (wrap, wrap))
+    return mean_colors(pyramid, jnp.stack([u, v]), axes, kind, wrap)
+
+
+def _mean_colors(
+    pyramid: Pyramid,
+    place: Float[Array, "2 *rays"],
+    axes: Float[Array, "2 2 *rays"],
+    kind: TextureFilter,
+    wrap: TextureWrap,
+) -> Vectors:
+    """The means of `image_colors` over parallelograms."""
+    u, v = place
     height, width = pyramid.sizes[0]
     divided = parts(jnp.stack([axes[:, 0] * width, axes[:, 1] * height], axis=1), PARTS)
     first, second = divided.axes
@@ -182,6 +196,32 @@ def image_colors(
     colours = between_levels(pyramid, jnp.broadcast_to(squared_width, u.shape), u, v, (wrap, wrap), extent)
     return jnp.stack([mean(channel) for channel in colours])
 
+
+mean_colors = jax.custom_jvp(_mean_colors, nondiff_argnums=(3, 4))
+"""`_mean_colors` with its two derivatives by place, each once: not one of each look-up for each direction."""
+
+
+@with_lower_ranks
+def _mean_colors_jvp(kind: TextureFilter, wrap: TextureWrap, primals, tangents):
+    (pyramid, place, axes), (texels_dot, place_dot, axes_dot) = primals, tangents
+
+    def is_zero(tangent: Any) -> bool:
+        return all(isinstance(leaf, jax.custom_derivatives.SymbolicZero) for leaf in jax.tree.leaves(tangent))
+
+    if not (is_zero(texels_dot) and is_zero(axes_dot)):
+        # The picture or its size changes.
+        full = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype) if is_zero(x) else x, tangents)
+        return jax.jvp(lambda *given: _mean_colors(given[0], given[1], given[2], kind, wrap), primals, full)
+
+    def slope(side: Float[Array, "2"]):
+        way = jnp.broadcast_to(side.reshape(2, *(1,) * (place.ndim - 1)), place.shape)
+        return jax.jvp(lambda place: _mean_colors(pyramid, place, axes, kind, wrap), (place,), (way,))
+
+    color, slopes = jax.vmap(slope, out_axes=(None, 0))(jnp.eye(2, dtype=place.dtype))
+    return color, jnp.sum(slopes * place_dot[:, None], 0)
+
+
+mean_colors.defjvp(_mean_colors_jvp, symbolic_zeros=True)
 
 WRAP: Wrap = ("repeat", "clamp")
 

@@ -85,7 +85,7 @@ def lambert_light(hits: Hits, nodes: Nodes, entering: Flags, world: World, setti
     origins = p + least_distance(world.unit) * n
     transmission = world.materials.transmission
 
-    def one_light(light: LightSample) -> Vectors:
+    def one_light(light: LightSample) -> Scalars:
         cos = jnp.maximum(dot(n, light.toward) * light.inverse_distance, 0)
         fraction = light_fractions(origins, hits.shape, light.location, entering, world, settings, transmission)
         return mean(fraction * cos * (1 / light.squared_distance))

@@ -87,9 +87,7 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
     n = surface_normal(fixed_rays.o + fixed_t * fixed_rays.d, fixed_sphere)
     cos = dot(n, fixed_rays.d)
     footprint = rays.beam.footprint
-    slope = sign * jnp.stack(
-        [dot(n, footprint.o[k] + fixed_t * footprint.d[k]) + cos * other.slope[k] for k in range(2)]
-    )
+    slope = sign * (jnp.sum(n * (footprint.o + fixed_t * footprint.d), 1) + cos * other.slope)
     by_function = by_near | by_behind
     value = jnp.where(by_function, sign * surface_value(rays.o + t * rays.d, sphere), behind.t - near.t)
     fraction = jnp.where(
@@ -111,7 +109,7 @@ def edge_distance(edge: Edge):
     """
     # To first order a point at x has the value g + slope.x: the edge is a line at the distance g / |slope|. TINY_32
     # guards the root's derivative where the slope is 0.
-    steepness = jnp.sqrt(edge.slope[0] ** 2 + edge.slope[1] ** 2 + TINY_32)
+    steepness = jnp.sqrt(jnp.sum(edge.slope * edge.slope, 0) + TINY_32)
     direction = edge.slope / steepness
     direction, fraction = jax.lax.stop_gradient((direction, edge.fraction))
     unit = steepness * fraction
@@ -152,17 +150,13 @@ class Cut(eqx.Module):
 
     Args:
         area: fraction of the near part in the pixel.
-        near_shift: position of the near part's centroid along the edge's normal, in pixels from the pixel's centre.
-        far_shift: position of the far part's centroid along the edge's normal; negative.
-        near_width: standard deviation of the near part along the normal, as a fraction of the whole pixel's.
-        far_width: standard deviation of the far part along the normal, as a fraction of the whole pixel's.
+        shift: positions of both parts' centroids along the edge's normal, in pixels from the pixel's centre.
+        width: standard deviations of both parts along the normal, as fractions of the whole pixel's.
     """
 
     area: Float[Array, " *rays"]
-    near_shift: Float[Array, " *rays"]
-    far_shift: Float[Array, " *rays"]
-    near_width: Float[Array, " *rays"]
-    far_width: Float[Array, " *rays"]
+    shift: Float[Array, "2 *rays"]
+    width: Float[Array, "2 *rays"]
 
 
 def reach(normal: Float[Array, "2 *rays"]) -> Float[Array, " *rays"]:
@@ -181,38 +175,46 @@ def cut_pixel(d: Float[Array, " *rays"], normal: Float[Array, "2 *rays"]) -> Cut
 
     Differentiable with respect to `d`; the normals and widths are taken as constants.
     """
-    a, b = sides(jax.lax.stop_gradient(normal))
-    near_area, near_mean, near_width = half_plane(d, a, b)
     # Seen from the far side the edge lies at -d. Means are distances from the edge, shifts are from the pixel's centre.
-    _, far_mean, far_width = half_plane(-d, a, b)
-    return Cut(near_area, near_mean - d, -(far_mean + d), near_width, far_width)
+    side = jnp.asarray([1.0, -1.0], d.dtype).reshape(2, *(1,) * d.ndim)
+    area, mean, width = half_plane(side * d, *sides(jax.lax.stop_gradient(normal)))
+    return Cut(area[0], side * mean - d, width)
 
 
-def half_plane(
-    d: Float[Array, " *rays"], a: Float[Array, " *rays"], b: Float[Array, " *rays"]
-) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"], Float[Array, " *rays"]]:
-    """Area of the part with q > 0, mean of q over it, and its width along the normal as a fraction of the pixel's."""
-    outer, inner = (a + b) / 2, (a - b) / 2
+Moments = tuple[Float[Array, "2 *rays"], Float[Array, "2 *rays"], Float[Array, "2 *rays"]]
+"""Area of the part with q > 0, mean of q over it, and its width along the normal as a fraction of the pixel's."""
 
-    def difference(power, scale):
-        # One corner of the square: x is its distance from the edge, and corners beyond the edge add nothing.
-        def term(x):
-            positive = jnp.maximum(x, 0)
-            return positive**power
 
-        return (term(d + outer) + term(d - outer) - term(d + inner) - term(d - inner)) / (scale * a * b)
+@jax.custom_jvp
+def half_plane(d: Float[Array, "2 *rays"], a: Float[Array, " *rays"], b: Float[Array, " *rays"]) -> Moments:
+    """The moments of parts of pixels whose sides extend by `a` and `b` along the normal; widths are constants."""
+    return _moments(d, a, b)[0]
 
+
+@half_plane.defjvp
+def _half_plane_jvp(primals, tangents):
+    found, slopes = _moments(*primals)
+    return found, (*(slope * tangents[0] for slope in slopes), jnp.zeros_like(found[2]))
+
+
+def _moments(d, a, b) -> tuple[Moments, tuple[Array, Array]]:
+    """The moments, and the derivatives of area and mean by the distance: the first is the length of the edge."""
+    # The square's corners: x is their distance from the edge, and corners beyond the edge add nothing.
+    u, v = (jnp.asarray(x, d.dtype).reshape(4, *(1,) * d.ndim) for x in ((1, -1, 1, -1), (1, -1, -1, 1)))
+    x = jnp.maximum(d + (u * a + v * b) / 2, 0)
+    weighted, scale = u * v * x, 1 / (a * b)
+    length, twice_area, cubes, fourths = (scale * jnp.sum(weighted * x**power, 0) for power in range(4))
     # Where the edge misses the pixel the part is all or nothing, without the rounding of the differences.
-    cuts = jnp.abs(d) < outer
-    area = jnp.where(cuts, difference(2, 2), jnp.where(d > 0, 1, 0))
+    cuts = 2 * jnp.abs(d) < a + b
+    area = jnp.where(cuts, twice_area / 2, jnp.where(d > 0, 1, 0))
     enough = area > 1e-5  # Smaller parts count as a point on the edge; 1e-7 to 1e-3 do the same.
-    safe_area = jnp.where(enough, area, 1)
-    mean = jnp.where(cuts, difference(3, 6) / safe_area, d)
+    inverse = 1 / jnp.where(enough, area, 1)
+    mean = jnp.where(enough, jnp.where(cuts, cubes / 6 * inverse, d), 0)
     # E[q^2] is twice D[F_4] / A: x^4 / 12. The whole pixel's variance is that of both uniform numbers.
-    square = difference(4, 12) / safe_area
     whole = (a * a + b * b) / 12
     # A part keeps a millionth of the variance at least, so that no footprint becomes a line.
-    variance = jnp.clip(jnp.where(cuts, square - mean * mean, whole), 1e-6 * whole, whole)
-    # A part too small to look at is a point on the edge.
-    mean = jnp.where(enough, mean, 0)
-    return jnp.clip(area, 0, 1), mean, jax.lax.stop_gradient(jnp.sqrt(variance / whole))
+    variance = jnp.where(cuts, fourths / 12 * inverse - mean * mean, whole)
+    width = jnp.sqrt(jnp.clip(variance, 1e-6 * whole, whole) / whole)
+    length = jnp.where(cuts, length, 0)
+    mean_slope = jnp.where(enough, 1 - jnp.where(cuts, mean * length * inverse, 0), 0)
+    return (jnp.clip(area, 0, 1), mean, width), (length, mean_slope)

@@ -43,8 +43,8 @@ def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Arr
         return p, *scatter(d, hits.n + shape.curvature * (p - hits.p))
 
     footprint = rays.beam.footprint
-    along = [jax.jvp(bounce, (rays.o, rays.d), (footprint.o[k], footprint.d[k]))[1] for k in range(2)]
-    return tuple(jax.lax.stop_gradient(jnp.stack(pair)) for pair in zip(*along, strict=True))
+    along = jax.vmap(lambda *axis: jax.jvp(bounce, (rays.o, rays.d), axis)[1])(footprint.o, footprint.d)
+    return jax.lax.stop_gradient(along)
 
 
 def bounded(footprint: Footprint, unit: Float[Array, ""]) -> Footprint:
@@ -64,37 +64,36 @@ def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3
     """Four points of each footprint on its surface; their mean is its light."""
     curvature = jax.lax.stop_gradient(shape.curvature)
 
-    def moved(first: Float[Array, "3 *rays"], second: Float[Array, "3 *rays"]) -> Float[Array, "3 4 *rays"]:
+    def moved(moves: Float[Array, "2 3 *rays"]) -> Float[Array, "3 4 *rays"]:
         # All nodes in one array: one program for the four of them, which lie on either side along both axes.
         signs = (-1, -1, 1, 1), (-1, 1, -1, 1)
-        u, v = (jnp.asarray(x, first.dtype).reshape(4, *(1,) * (first.ndim - 1)) for x in signs)
-        return u * first[:, None] + v * second[:, None]
+        u, v = (jnp.asarray(x, moves.dtype).reshape(4, *(1,) * (moves.ndim - 2)) for x in signs)
+        return u * moves[0][:, None] + v * moves[1][:, None]
 
     # A footprint that has outgrown a sphere moves along it by no more than its radius.
     # 1e-20 only guards the root: footprints on surfaces are many orders of magnitude longer, in any unit.
-    lengths = [jnp.sqrt(jnp.maximum(dot(axis, axis), 1e-20)) for axis in p_axes]
-    fractions = [NODE / jnp.maximum(1, length * curvature) for length in lengths]
-    p_moves = [fraction * axis for fraction, axis in zip(fractions, p_axes, strict=True)]
-    d_moves = [fraction * axis for fraction, axis in zip(fractions, rays.beam.footprint.d, strict=True)]
-    p, d = moved(*p_moves), moved(*d_moves)
+    length = jnp.sqrt(jnp.maximum(jnp.sum(p_axes * p_axes, 1), 1e-20))
+    fraction = (NODE / jnp.maximum(1, length * curvature))[:, None]
+    p_moves, d_moves = fraction * p_axes, fraction * rays.beam.footprint.d
+    p, d = moved(p_moves), moved(d_moves)
     n = safe_normalize(hits.n[:, None] + curvature * p)
-    spread = cosine_spread(*jax.lax.stop_gradient((rays.d, hits.n, d_moves, [curvature * move for move in p_moves])))
+    spread = cosine_spread(*jax.lax.stop_gradient((rays.d, hits.n, d_moves, curvature * p_moves)))
     return Nodes(hits.p[:, None] + p, n, safe_normalize(rays.d[:, None] + d), spread)
 
 
 def cosine_spread(
     d: Float[Array, "3 *rays"],
     n: Float[Array, "3 *rays"],
-    d_moves: list[Float[Array, "3 *rays"]],
-    n_moves: list[Float[Array, "3 *rays"]],
+    d_moves: Float[Array, "2 3 *rays"],
+    n_moves: Float[Array, "2 3 *rays"],
 ) -> Float[Array, " *rays"]:
     """The range of the squared cosine of incidence over footprints, to first order, as `Nodes` has it.
 
     Args:
         d_moves, n_moves: how both change from there to the nodes, along the two axes.
     """
-    changes = [dot(n, d_move) + dot(d, n_move) for d_move, n_move in zip(d_moves, n_moves, strict=True)]
-    variance = changes[0] * changes[0] + changes[1] * changes[1]
+    changes = jnp.sum(n * d_moves + d * n_moves, 1)
+    variance = jnp.sum(changes * changes, 0)
     # The square of a cosine changes by twice the cosine times its change. What is uniform and as wide as w has the
     # variance w^2 / 12.
     return 2 * jnp.abs(dot(d, n)) * jnp.sqrt(12 * variance + TINY_32)
@@ -103,7 +102,7 @@ def cosine_spread(
 def spread_squared(d_axes: Float[Array, "2 3 *rays"]) -> Float[Array, "2 *rays"]:
     """Squares of the angles by which a scattered footprint is spread along its two axes, in radians."""
     # About a half turn is the widest that counts; 0.75 to 6 do the same.
-    return jnp.minimum(d_axes[:, 0] ** 2 + d_axes[:, 1] ** 2 + d_axes[:, 2] ** 2, 3.0**2)
+    return jnp.minimum(jnp.sum(d_axes * d_axes, 1), 3.0**2)
 
 
 def wants_subdivision(

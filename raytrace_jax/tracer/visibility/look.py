@@ -32,6 +32,8 @@ not depend on the footprint's size. An approximate footprint therefore changes t
 a footprint has outgrown lose some of their derivative (`cuts.edge_distance`). docs/edges.md has the derivation.
 """
 
+import operator
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -55,6 +57,7 @@ from raytrace_jax.tracer.geometry.shapes import (
 )
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.visibility.coverage import (
+    Cut,
     SurfaceAhead,
     cut_pixel,
     facing_side,
@@ -63,7 +66,7 @@ from raytrace_jax.tracer.visibility.coverage import (
     path_limit,
     reach,
 )
-from raytrace_jax.util.numerics import dot, materialize, safe_normalize, select
+from raytrace_jax.util.numerics import dot, materialize, safe_normalize, select, unstacked
 
 
 class Nearest(eqx.Module):
@@ -176,9 +179,12 @@ def look(
         find_two_nearest(fixed_shapes, fixed_rays, live, may_pass, least_distance(unit), settings), live
     )
     found = live & (nearest.shape != NO_SHAPE)
-    surface = meet(rays, shapes, nearest, found)
     behind_exists = found & (second.shape != NO_SHAPE)
-    behind = meet(rays, shapes, second, behind_exists)
+    # Both at once, on an axis before the rays.
+    two, exist = jax.tree.map(lambda *x: jnp.stack(x), (nearest, found), (second, behind_exists))
+    twice = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None, :], (*x.shape[:-1], 2, x.shape[-1])), rays)
+    met = meet(twice, shapes, two, exist)
+    surface, behind = (jax.tree.map(operator.itemgetter((..., k, slice(None))), met) for k in range(2))
     between = materialize(occlusion_edge(rays, surface, behind, behind_exists), live)
     # A sphere whose rim the centre just misses may lie behind the other surface wherever the footprint sees it.
     hidden = behind_exists & ~nearest.centered & ~is_within(between)
@@ -197,9 +203,7 @@ def look(
     cut = materialize(cut_pixel(distance, direction), live)
 
     # The ray of each part, through the part's centroid: the near one hits, the far one goes past the edge.
-    near = move(rays, direction, fraction, cut.near_shift, cut.near_width, cuts)
-    far = move(rays, direction, fraction, cut.far_shift, cut.far_width, cuts)
-    near, far = materialize((near, far), live)
+    near, far = materialize(move(rays, direction, fraction, cut, cuts), live)
 
     # Where the near ray hits.
     fixed_near, fixed_shape = jax.lax.stop_gradient((near, surface.shape))
@@ -207,7 +211,7 @@ def look(
     # Near a silhouette the hit lies as deep inside of it as the centroid of the near part, g = depth. As the half chord
     # is sqrt(2 r g), the cosine there is sqrt(2 depth / r). The shifted ray is only linear and may come closer to the
     # rim, where its derivative would run off to infinity: half of this cosine is the least to divide by.
-    depth = jnp.where(cuts, (cut.near_shift + distance) * step, 0)
+    depth = jnp.where(cuts, (cut.shift[0] + distance) * step, 0)
     least_cos = jnp.maximum(jnp.sqrt(jnp.maximum(depth * fixed_shape.curvature / 2, 0)), GRAZING)
     least_cos = jax.lax.stop_gradient(least_cos)
     hits = materialize(hit_surface(near, nearest.shape, surface, t, least_cos, present, settings), live)
@@ -268,28 +272,31 @@ def own_edges(
     return found
 
 
-def move(rays: Rays, direction, fraction, shift, width, cuts) -> Rays:
-    """Rays at the centroid of one part of their footprint, which becomes their footprint.
+def move(rays: Rays, direction, fraction, cut: Cut, cuts) -> list[Rays]:
+    """Rays at the centroids of the near and the far part of their footprint, which become their footprints.
 
     Args:
         direction: the edge's unit normal in the footprint's own coordinates.
         cuts: which footprints are cut; the others stay as they are.
     """
-    offset = jnp.where(cuts, direction * fraction * shift, 0)
     footprint = rays.beam.footprint
-    o = rays.o + offset[0] * footprint.o[0] + offset[1] * footprint.o[1]
-    d = rays.d + offset[0] * footprint.d[0] + offset[1] * footprint.d[1]
-    d = safe_normalize(d)
-    # The part becomes a parallelogram again, of the part's variance across the edge: with J the footprint and n the
-    # edge's normal it is J (1 - loss n n^T).
-    loss = jnp.where(cuts, fraction * (1 - width), 0)
 
-    def narrow(axes):
-        along = direction[0] * axes[0] + direction[1] * axes[1]
-        return jnp.stack([axes[k] - loss * direction[k] * along for k in range(2)])
+    def part(shift: Float[Array, " *rays"], width: Float[Array, " *rays"]):
+        offset = jnp.where(cuts, direction * fraction * shift, 0)[:, None]
+        o, d = rays.o + jnp.sum(offset * footprint.o, 0), rays.d + jnp.sum(offset * footprint.d, 0)
+        # The part becomes a parallelogram again, of the part's variance across the edge: with J the footprint and n the
+        # edge's normal it is J (1 - loss n n^T).
+        lost = jnp.where(cuts, fraction * (1 - width), 0) * direction
 
-    narrowed = jax.lax.stop_gradient(Footprint(narrow(footprint.o), narrow(footprint.d)))
-    return eqx.tree_at(lambda r: (r.o, r.d, r.beam.footprint), rays, (o, d, narrowed))
+        def narrow(axes):
+            return axes - lost[:, None] * jnp.sum(direction[:, None] * axes, 0)
+
+        return o, safe_normalize(d), jax.lax.stop_gradient(Footprint(narrow(footprint.o), narrow(footprint.d)))
+
+    def moved(o, d, narrowed):
+        return eqx.tree_at(lambda r: (r.o, r.d, r.beam.footprint), rays, (o, d, narrowed))
+
+    return [moved(*each) for each in unstacked(jax.vmap(part)(cut.shift, cut.width), 2)]
 
 
 def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
