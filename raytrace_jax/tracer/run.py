@@ -89,10 +89,11 @@ class Batches(NamedTuple):
 def cut(points: int, most: int) -> tuple[int, int]:
     """The number of batches, and the size of each, of points of which so many find room in one.
 
-    Each batch has every n-th point. If n shares no factor with their number, a batch is spread over all columns.
+    Each batch has every n-th point: a few neighbours apart, or spread over all columns, as n shares no factor with
+    their number.
     """
     batches = -(-points // most)
-    while math.gcd(batches, points) > 1:
+    while batches > 8 and math.gcd(batches, points) > 1:
         batches += 1
     return batches, -(-points // batches)
 
@@ -190,6 +191,9 @@ def in_batches(
     found, done = list[np.ndarray](), 0
     while done < pictures:
         room = capacity_for(need, settings)
+        if pictures == 1 and total * need > room.rays / 8:
+            # Enough for all devices.
+            room = room._replace(pixels=min(room.pixels, -(-total // devices)))
         batches, size = cut(total, room.pixels)
         begin, end, parts = done, pictures, list[list[np.ndarray]]()
         for first in range(begin * batches, end * batches, BATCHES * devices):
