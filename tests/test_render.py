@@ -1,6 +1,7 @@
 """Whole pictures: against another program's, and what size, crop, samples and output variables do to them."""
 
 import dataclasses
+import threading
 
 import jax
 import jax.numpy as jnp
@@ -108,7 +109,7 @@ def test_under_jit_a_renderer_is_needed():
 def test_nothing_is_compiled_when_a_parameter_moves_or_the_size_is_another():
     scene = assignment_scene()
     moved = set_parameters(scene, MOVED | {"topright.location": [5.5, 4.2, 0.9], "cam1.viewpoint": [4.1, 3, 6]})
-    with counted_compiles() as compiles:
+    with counted_compiles(thread=threading.current_thread()) as compiles:
         render(scene, dataclasses.replace(SMALL, path_limit=77.0))
         assert compiles  # The listener hears: no other test has these settings.
         compiles.clear()

@@ -40,13 +40,8 @@ def with_lower_ranks(function: F) -> F:
     return wrapped  # pyright: ignore[reportReturnType]
 
 
-def dot(
-    a: Float[Array, "3 *rays"] | list[Float[Array, " *rays"]],
-    b: Float[Array, "3 *#rays"] | list[Float[Array, " *rays"]],
-) -> Float[Array, " *rays"]:
-    """Inner product of vectors whose components lie on the first axis, or are the entries of a list."""
-    if isinstance(a, list) or isinstance(b, list):
-        return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def dot(a: Float[Array, "3 *rays"], b: Float[Array, "3 *#rays"]) -> Float[Array, " *rays"]:
+    """Inner product of vectors whose components lie on the first axis."""
     return jnp.sum(a * b, 0)
 
 

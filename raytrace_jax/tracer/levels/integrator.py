@@ -1,9 +1,9 @@
 """Rays level by level: each level is intersected, shaded and sends rays on; a queue runs down and colours come back up.
 
 Rays wait in one array, each at its own place. A chunk of them at a time is intersected and shaded, and the rays that it
-sends on are put at the end of the queue. So chunks are full, however deep the rays' trees are. The course's classic
-model clamps colours at every surface; so colours are blended afterwards, from the last chunk to the first, when those
-of a ray's children are known.
+sends on are put at the end of the queue. Camera rays come in where fewer rays wait than a chunk. So chunks are full,
+however deep the rays' trees are. The course's classic model clamps colours at every surface; so colours are blended
+afterwards, from the last chunk to the first, when those of a ray's children are known.
 """
 
 import dataclasses
