@@ -73,7 +73,7 @@ def test_a_gradient_without_jit_around_it_is_a_few_programs_and_the_next_one_non
 def test_it_grows_where_rays_lack_room():
     scene = assignment_scene()
     settings = dataclasses.replace(SETTINGS, size=(48, 36), crop=(20, 13, 14, 12), max_bounces=3)
-    tight = Renderer(settings, Capacity(192, 96), "classic")
+    tight = Renderer(settings, Capacity(192, 48), "classic")
     film = jax.jit(tight)(scene)
     assert film.overflow > 0
     assert np.abs(np.asarray(film.image - render(scene, settings).image)).max() > 0.01
