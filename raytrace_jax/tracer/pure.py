@@ -21,7 +21,7 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_sett
 from raytrace_jax.tracer.run import NEEDS, Capacity, capacity_for, scene_key
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import is_traced, with_lower_ranks
+from raytrace_jax.util.numerics import instantiated, is_traced, is_zero, with_lower_ranks
 
 USUAL_NEEDS = {"point": 10.0, "aware": 24.0}
 """Rays that a pixel of a batch may always want, by points and by areas: our own scenes want 1 to 9, and 3 to 22."""
@@ -123,8 +123,7 @@ def not_differentiable(values: Any) -> Any:
 
 
 def _refuse_derivative(primals, tangents):
-    zeros = jax.custom_derivatives.SymbolicZero
-    if all(isinstance(tangent, zeros) for tangent in jax.tree.leaves(tangents)):
+    if is_zero(tangents):
         return *primals, *tangents
     raise SettingsError(
         "edges: a picture whose derivative contains the motion of edges has no second derivative; RenderSettings("
@@ -150,14 +149,10 @@ def picture_at(
 
 
 def _picture_at_jvp(unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity, primals, tangents):
-    def is_zero(tangent: Any) -> bool:
-        return isinstance(tangent, jax.custom_derivatives.SymbolicZero)
-
-    if is_zero(tangents[0]) or not all(map(is_zero, jax.tree.leaves(tangents[1]))):
+    if is_zero(tangents[0]) or not is_zero(tangents[1]):
         # The scene's own numbers change too.
-        full = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype) if is_zero(x) else x, tangents)
         plain = functools.partial(picture_at.fun, unknowns=unknowns, settings=settings, room=room)
-        return jax.jvp(plain, primals, full)
+        return jax.jvp(plain, primals, instantiated(tangents))
     image, jacobian, overflow = picture_jacobian(*primals, unknowns, settings, room)
     return (image, overflow), (jnp.tensordot(tangents[0], jacobian, 1), np.zeros((), jax.dtypes.float0))
 

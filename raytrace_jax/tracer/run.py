@@ -110,7 +110,7 @@ def fill_slots(
     step: Float[np.ndarray, "2"] | None,
     room: Capacity,
 ) -> Batches:
-    """Batches of some pictures in their slots, with places for half as many pixels as rays find room.
+    """Batches of some pictures in their slots, with places for a quarter as many pixels as rays find room.
 
     Args:
         number: the batches' numbers, counted through all pictures.

@@ -141,6 +141,16 @@ def unstacked(values: T, count: int) -> list[T]:
     return [jax.tree.map(lambda x: x[k], values) for k in range(count)]  # noqa: B023
 
 
+def is_zero(tangents: Any) -> bool:
+    """Whether nothing is differentiated, as a rule with `symbolic_zeros` is told."""
+    return all(isinstance(leaf, jax.custom_derivatives.SymbolicZero) for leaf in jax.tree.leaves(tangents))
+
+
+def instantiated(tangents: T) -> T:
+    """Such tangents as arrays."""
+    return jax.tree.map(lambda x: np.zeros(x.shape, x.dtype) if is_zero(x) else x, tangents)
+
+
 def any_nonzero(color: Float[Array, "3 *rays"]) -> Bool[Array, " *rays"]:
     """Whether any channel is not zero."""
     return (color[0] != 0) | (color[1] != 0) | (color[2] != 0)

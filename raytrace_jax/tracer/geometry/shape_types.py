@@ -38,7 +38,7 @@ def fold_shapes(
     settle: Callable[[T | list[Answer]], Any] = lambda found: found,
     leave_out: Collection[str] = (),
 ) -> T:
-    """The answers of all shapes of a scene, put together in turn; in loops, type by type, where they are many.
+    """The answers of all shapes of a scene, put together in turn; asked type by type, in loops where they are many.
 
     Args:
         ask: the answer of one shape, from its type and its index.

@@ -13,7 +13,7 @@ from raytrace_jax.tracer.geometry import shapes
 from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
 from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import dot, safe_sqrt, vectors_to
+from raytrace_jax.util.numerics import dot, per_ray, safe_sqrt, vectors_to
 
 
 class Chord(NamedTuple):
@@ -38,7 +38,8 @@ def chord(rays: Rays, shape: Shapes) -> Chord:
     The discriminant is `r^2 - |oc - (oc.d) d|^2`, the form that loses no digits when the sphere is far away or small
     (Haines et al., Precision improvements for ray/sphere intersection, Ray Tracing Gems, 2019).
     """
-    from_center = rays.o - shape.position.reshape(3, *shape.position.shape[1:] or (1,) * (rays.o.ndim - 1))
+    center = shape.position if shape.position.ndim > 1 else per_ray(shape.position, rays.o.ndim - 1)
+    from_center = rays.o - center
     along = -dot(from_center, rays.d)
     across = from_center + along * rays.d
     discriminant = shape.radius * shape.radius - dot(across, across)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.rays import Scalars
 from raytrace_jax.tracer.shading.quadrature import parts
-from raytrace_jax.util.numerics import clamp01, select, with_lower_ranks
+from raytrace_jax.util.numerics import clamp01, instantiated, is_zero, select, with_lower_ranks
 
 LEAST_RATIO = 3e-3
 """The lesser extent of a footprint counts as at least so much of the larger one: differences are divided by both."""
@@ -52,11 +52,9 @@ def mean_product(place: Float[Array, "2 *rays"], axes: Float[Array, "2 2 *rays"]
 
 def _mean_product_jvp(primals, tangents):
     (place, axes), (place_dot, axes_dot) = primals, tangents
-    if not isinstance(axes_dot, jax.custom_derivatives.SymbolicZero):
+    if not is_zero(axes_dot):
         # The squares' size changes.
-        zero = jnp.zeros_like(place)
-        change = zero if isinstance(place_dot, jax.custom_derivatives.SymbolicZero) else place_dot
-        return jax.jvp(lambda *given: _mean_and_slopes(*given)[0], primals, (change, axes_dot))
+        return jax.jvp(lambda *given: _mean_and_slopes(*given)[0], primals, instantiated(tangents))
     # The derivatives by place once, not of each part for each direction.
     mean, slopes = _mean_and_slopes(place, axes)
     return mean, jnp.sum(slopes * place_dot, 0)

@@ -5,8 +5,8 @@ to 1: u from left to right, v from the bottom to the top. The texel in row r and
 u = (c + .5) / w, v = 1 - (r + .5) / h: row 0 is the top.
 """
 
+import functools
 import math
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from raytrace_jax.scene.setting_words import TextureFilter, TextureWrap
 from raytrace_jax.tracer.geometry.rays import Integers, Scalars, Vectors, take_column
 from raytrace_jax.tracer.shading.quadrature import mean, parts
-from raytrace_jax.util.numerics import TINY_32, clamp01, dot, with_lower_ranks
+from raytrace_jax.util.numerics import TINY_32, clamp01, dot, instantiated, is_zero, with_lower_ranks
 
 Wrap = tuple[TextureWrap, TextureWrap]
 """What is beyond a picture's border, along u and along v."""
@@ -205,13 +205,10 @@ mean_colors = jax.custom_jvp(_mean_colors, nondiff_argnums=(3, 4))
 def _mean_colors_jvp(kind: TextureFilter, wrap: TextureWrap, primals, tangents):
     (pyramid, place, axes), (texels_dot, place_dot, axes_dot) = primals, tangents
 
-    def is_zero(tangent: Any) -> bool:
-        return all(isinstance(leaf, jax.custom_derivatives.SymbolicZero) for leaf in jax.tree.leaves(tangent))
-
     if not (is_zero(texels_dot) and is_zero(axes_dot)):
         # The picture or its size changes.
-        full = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype) if is_zero(x) else x, tangents)
-        return jax.jvp(lambda *given: _mean_colors(given[0], given[1], given[2], kind, wrap), primals, full)
+        plain = functools.partial(_mean_colors, kind=kind, wrap=wrap)
+        return jax.jvp(plain, primals, instantiated(tangents))
 
     def slope(side: Float[Array, "2"]):
         way = jnp.broadcast_to(side.reshape(2, *(1,) * (place.ndim - 1)), place.shape)

@@ -43,7 +43,10 @@ def total_fraction(nodes: Nodes, eta: Float[Array, " rays"]) -> Float[Array, " r
 
 
 def mean(values: Float[Array, "*nodes rays"]) -> Float[Array, " rays"]:
-    """The mean over the nodes; of single points it is the values themselves."""
+    """The mean over the nodes, written out: as a reduction, derivatives take a quarter longer on the CPU.
+
+    Of single points it is the values themselves.
+    """
     return values if values.ndim == 1 else functools.reduce(operator.add, values) * (1 / len(values))
 
 
