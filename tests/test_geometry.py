@@ -16,7 +16,7 @@ from raytrace_jax.tracer.geometry import intersection, shape_types
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take, unpacked
 from raytrace_jax.tracer.geometry.shape_types import scene_shapes as shapes_of
 from raytrace_jax.tracer.levels.compaction import pack_rays
-from raytrace_jax.tracer.levels.integrator import trace_points
+from raytrace_jax.tracer.levels.level import trace_points
 from raytrace_jax.tracer.world import prepare_world
 
 SETTINGS = resolved()

@@ -20,7 +20,7 @@ from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import packed, unpacked
 from raytrace_jax.tracer.levels.compaction import pack_rays
-from raytrace_jax.tracer.levels.integrator import trace_level
+from raytrace_jax.tracer.levels.level import trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.world import prepare_world

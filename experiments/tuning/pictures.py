@@ -13,7 +13,8 @@ from replacing import replaced
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.camera import rays_through
-from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, trace, trace_level
+from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, trace
+from raytrace_jax.tracer.levels.level import trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.world import prepare_world

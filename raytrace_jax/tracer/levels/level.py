@@ -1,0 +1,166 @@
+"""A level of rays: each is intersected and shaded, and sends rays on."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from raytrace_jax.optics import reflect, refract
+from raytrace_jax.tracer.geometry.intersection import Hits, intersect
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, take
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.shading.model import Children, materials_at
+from raytrace_jax.tracer.shading.models import MODELS
+from raytrace_jax.tracer.visibility.footprints import (
+    bounded,
+    light_nodes,
+    spread_squared,
+    subdivide,
+    transport,
+    wants_subdivision,
+)
+from raytrace_jax.tracer.visibility.look import look
+from raytrace_jax.tracer.world import World
+from raytrace_jax.util.numerics import dot, materialize, renormalize, select
+
+
+class Scattering(eqx.Module):
+    """The part of a ray's colour that does not come from the rays that it sends on.
+
+    Args:
+        surface: what the model keeps until the children's colours are known; None where there is nothing to hit.
+        coverage: fraction of each ray's footprint that sees the hit; None in point-sampled tracing.
+        subdivided: whose children are not a reflected, a transmitted and a passing ray, but the thirds of their
+            footprint; None as above.
+        sees_edge: whose footprint is split or subdivided; None as above.
+    """
+
+    surface: eqx.Module | None
+    background: Float[Array, "3 *#rays"]
+    coverage: Float[Array, " rays"] | None = None
+    subdivided: Bool[Array, " rays"] | None = None
+    sees_edge: Bool[Array, " rays"] | None = None
+
+
+class Level(eqx.Module):
+    """Rays after intersection and shading.
+
+    Args:
+        si: the surface interactions, where they hit.
+        children: the rays that are sent on (reflected, transmitted, past an edge), with those wanted of each kind.
+    """
+
+    si: Hits
+    scattering: Scattering
+    children: list[tuple[Bool[Array, " rays"], Rays]]
+
+
+@functools.partial(jax.jit, static_argnames="settings")
+def trace_level(
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, " rays"], settings: ResolvedSettings
+) -> Level:
+    """Intersect and shade rays; `number` counts those before each of them, from 0 for camera rays.
+
+    It is jitted within the programs that call it. Each rule of a loop, a condition and a derivative around it would
+    trace it anew; so JAX keeps its jaxpr, its derivative and its batched form, and makes each of them once.
+    """
+    if not world.shapes.types:
+        si = intersect(world.shapes, rays, live, world.unit, settings)
+        return Level(si, Scattering(None, MODELS[settings.model].background(world, rays)), [])
+    if settings.edges != "aware":
+        return trace_points(world, rays, live, settings)
+    return trace_areas(world, rays, live, number, settings)
+
+
+def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings: ResolvedSettings) -> Level:
+    """A level of rays that are points of the picture."""
+    model = MODELS[settings.model]
+    si = intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
+    media = model.media(world, si, dot(rays.d, si.n) < 0, settings)
+    surface, children = model.shade(si, rays, world, media, materials_at(world, si), settings)
+    throughput = None
+    if rays.path_throughput is not None:
+        throughput = rays.throughput * jax.lax.stop_gradient(jnp.stack(model.child_weights(surface)))
+    scattering = Scattering(surface, model.background(world, rays))
+    return Level(si, scattering, scattered_rays(si, children, throughput, None, settings))
+
+
+def trace_areas(
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, " rays"], settings: ResolvedSettings
+) -> Level:
+    """A level of rays that stand for areas: what each footprint sees first, and how its parts go on."""
+    # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
+    bounces_left = settings.bounces - rays.beam.depth
+    has_levels = settings.levels - number > bounces_left
+    view = look(world.shapes, rays, live, has_levels, world.unit, settings)
+    surface, children, spread = scatter_areas(world, view.rays, view.si, view.coverage, settings)
+    subdivided, second = wants_subdivision(rays, spread, has_levels & live, settings)
+
+    children = [*children, (view.passes, view.past)]
+    children = [
+        (wanted | subdivided, select(subdivided, part, child))
+        for (wanted, child), part in zip(children, subdivide(rays, second), strict=True)
+    ]
+    background = MODELS[settings.model].background(world, view.rays)
+    scattering = Scattering(surface, background, view.coverage, subdivided, view.passes | subdivided)
+    return Level(view.si, scattering, children)
+
+
+def scatter_areas(
+    world: World, rays: Rays, si: Hits, coverage: Float[Array, " rays"], settings: ResolvedSettings
+) -> tuple[eqx.Module, list[tuple[Bool[Array, " rays"], Rays]], Float[Array, "2 rays"]]:
+    """Light footprints and send them on from where they hit.
+
+    Args:
+        coverage: fraction of the footprint they came with that this one is.
+
+    Returns:
+        What the model keeps; the reflected and the transmitted rays, as `scattered_rays`; and along both axes of the
+        footprint the squares of their spreads, times their throughputs.
+    """
+    model = MODELS[settings.model]
+    shape = take(world.shapes, si.shape)
+
+    # How the footprint goes on from the surface, by the index of refraction at its middle.
+    media = model.media(world, si, dot(rays.d, si.n) < 0, settings)
+    eta = jax.lax.stop_gradient(media.eta)
+    p_axes, reflected, transmitted = transport(rays, si, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0]))
+    nodes = materialize(light_nodes(rays, si, shape, p_axes), si.valid)
+    surface, children = model.shade(si, rays, world, media, materials_at(world, si, p_axes), settings, nodes)
+
+    # Which rays are wanted, how much they count, and whose footprint spreads too widely for that.
+    beam = rays.beam
+    wanted = jnp.stack([children.reflect, children.transmit]) & (beam.depth < settings.bounces)
+    children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
+    weights = jax.lax.stop_gradient(coverage * jnp.stack(model.child_weights(surface)))
+    throughput = jnp.where(wanted, rays.throughput * weights, 0)
+    spread = throughput[0] * spread_squared(reflected) + throughput[1] * spread_squared(transmitted)
+
+    nothing = jnp.full_like(beam.passed, NO_SHAPE)
+    footprints = [bounded(Footprint(p_axes, d), world.unit) for d in (reflected, transmitted)]
+    beams = [Beam(footprint, nothing, beam.depth + 1, beam.subdivisions) for footprint in footprints]
+    return surface, scattered_rays(si, children, throughput, beams, settings), spread
+
+
+def scattered_rays(
+    si: Hits,
+    c: Children,
+    throughput: Float[Array, "2 rays"] | None,
+    beams: list[Beam] | None,
+    settings: ResolvedSettings,
+) -> list[tuple[Bool[Array, " rays"], Rays]]:
+    """The reflected and the transmitted rays of all hits, with those that are wanted and count enough."""
+    # A reflected ray stays on the side that it came from, a transmitted one changes sides.
+    wanted = jnp.stack([c.reflect, c.transmit])
+    if throughput is not None and settings.weight_limit > 0:
+        wanted = wanted & (throughput >= settings.weight_limit)
+    p, shape = si.p, si.shape if c.off is None else jnp.full_like(si.shape, NO_SHAPE)
+    near, far = (p, p) if c.off is None else (p + c.off, p - c.off)
+    found = []
+    for k, (o, d, inside) in enumerate(((near, c.reflected, ~c.entering), (far, c.transmitted, c.entering))):
+        # Within a ball rounding errors of a direction's length grow fourfold with each reflection, if they are left.
+        beam, own = None if beams is None else beams[k], None if throughput is None else throughput[k]
+        found.append((wanted[k], Rays(o, renormalize(d), si.path_length, shape, inside, beam, own)))
+    return found
