@@ -8,7 +8,7 @@ from posing import posed_problem
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import set_parameters
-from raytrace_jax.tracer.levels import integrator
+from raytrace_jax.tracer.levels import level
 from raytrace_jax.tracer.pixels import differentiate_batches, prepare_derivatives
 from raytrace_jax.tracer.pure import pure_picture
 from raytrace_jax.tracer.run import Capacity
@@ -17,13 +17,13 @@ from raytrace_jax.tracer.run import Capacity
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("edges", "name"), [("point", "trace_points"), ("aware", "trace_areas")])
 def test_a_level_is_traced_once_however_many_loops_and_derivatives_are_around_it(edges, name, monkeypatch):
-    calls, usual = [], getattr(integrator, name)
+    calls, usual = [], getattr(level, name)
 
     def counted(*arguments):
         calls.append(name)
         return usual(*arguments)
 
-    monkeypatch.setattr(integrator, name, counted)
+    monkeypatch.setattr(level, name, counted)
     how = resolved(size=(26, 14), max_bounces=2, edges=edges, samples=2)
     scene = assignment_scene()  # Kept by the tests: it must not be made while JAX traces.
 
