@@ -111,7 +111,8 @@ def is_noticed(mutation: Mutation, tree: Path, cache: Path) -> tuple[bool, str]:
         if text.count(mutation.old) < 1:
             raise SystemExit(f"{mutation.file}: {mutation.old!r} is not there any more")
         path.write_text(text.replace(mutation.old, mutation.new))
-        files = [f"tests/test_{name}.py" for name in mutation.tests.split()]
+        paths = [path for name in mutation.tests.split() for path in ROOT.glob(f"tests/*/test_{name}.py")]
+        files = [str(path.relative_to(ROOT)) for path in paths]
         listed = (tree / ".ci" / "slow_tests").read_text().splitlines()
         slow = [test for test in listed if test.split("::")[0] in files]
         for tests in (files, ["-m", "slow", *slow]):

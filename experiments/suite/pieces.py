@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-FILES = {path.stem.removeprefix("test_"): path for path in sorted(ROOT.glob("tests/test_*.py"))}
+FILES = {path.stem.removeprefix("test_"): path for path in sorted(ROOT.glob("tests/*/test_*.py"))}
 SEEDS = 20
 MOST_SECONDS = 1200
 """Of one piece; what takes longer is stopped and said to have failed."""

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from raytrace_jax import fit
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "experiments" / "calibration"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "experiments" / "calibration"))
 import calibration
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from raytrace_jax import ParameterError, get_parameter, load_scene, parse_scene, set_parameters
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, shared_with
 
-VITREOUS = load_scene(Path(__file__).parent.parent / "data" / "vitreous.txt", dtype=np.float32)
+VITREOUS = load_scene(Path(__file__).parents[2] / "data" / "vitreous.txt", dtype=np.float32)
 BACKDROP = parse_scene(
     """
     camera eye { pixeldim 4 3 viewpoint 0 0 5 lookat 0 0 0 fov 40 }

@@ -39,7 +39,7 @@ from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 
-PICTURES = Path(__file__).parent / "physical_pictures"
+PICTURES = Path(__file__).parents[1] / "physical_pictures"
 EYE = Camera((24, 18), (0.3, 0.2, 5), (0, 0, 0), (0, 1, 0), 30)
 GLASS = Material(transmission=1, ior=1.5)
 PAINTED = Image(np.random.default_rng(3).uniform(0.1, 0.9, (5, 6, 3)).astype(np.float32))

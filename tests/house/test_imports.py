@@ -10,7 +10,7 @@ import pytest
 
 import raytrace_jax
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PACKAGE = "raytrace_jax"
 
 FLOORS = ["cli", "batch", "report", "photo", "inverse exchange", "tracer", "scene", "images optics", "util"]

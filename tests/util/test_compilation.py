@@ -186,7 +186,7 @@ def test_a_second_process_traces_none_of_the_programs_of_a_fit(tmp_path):
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache"), "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
 
     def run_anew(*arguments):
-        command = [sys.executable, "-c", SECOND_PROCESS, str(Path(__file__).parent), *arguments]
+        command = [sys.executable, "-c", SECOND_PROCESS, str(Path(__file__).parents[1]), *arguments]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
         return done.stdout.splitlines()[-1]
 

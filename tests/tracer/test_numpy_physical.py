@@ -10,7 +10,7 @@ from physical_scenes import Camera, Material, Plane, Rectangle, Scene, Sphere
 
 from raytrace_jax import read_picture
 
-PICTURES = Path(__file__).parent / "physical_pictures"
+PICTURES = Path(__file__).parents[1] / "physical_pictures"
 EYE = Camera((9, 9), (0, 0, 5), (0, 0, 0), (0, 1, 0), 20)
 
 

@@ -8,7 +8,7 @@ from physical_scenes import Camera, Checker, Material, Rectangle, Scene, Sphere,
 
 from raytrace_jax import RenderSettings, fit, get_parameter, load_scene, parse_scene, read_picture, set_parameters
 
-PICTURES = Path(__file__).parent / "physical_pictures"
+PICTURES = Path(__file__).parents[1] / "physical_pictures"
 SIZE = (80, 60)
 SQUARES = Checker((0.1, 0.15, 0.25), (0.9, 0.85, 0.8), 0.8, (0.13, 0.07))
 BOARD = Rectangle(Material(emission=(1, 1, 1), texture=SQUARES), (0, 0, -2.5), (6, 0, 0), (0, 6, 0))

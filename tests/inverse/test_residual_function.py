@@ -26,7 +26,7 @@ from raytrace_jax import (
 )
 from raytrace_jax.tracer.run import Capacity
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 SETTINGS = RenderSettings(size=(24, 18), crop=(1, 0, 22, 18), max_bounces=2)
 """Without the first and the last column, in which rounding decides which wall is seen."""
 FREE = ["yellow.diffuse", "vitreous.alpha"]
@@ -156,7 +156,7 @@ def test_what_makes_no_sense_is_refused(scene, target):
         make_residual(scene, target, ["vitreous.iro"], SETTINGS)
 
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 
 
 def in_a_process(devices, names):

@@ -162,7 +162,7 @@ def test_measures_of_agreement():
     assert correlation(one, zero) == 0
 
 
-BOARD = Path(__file__).parent.parent / "experiments" / "edge_gradients" / "scenes" / "checker.txt"
+BOARD = Path(__file__).parents[2] / "experiments" / "edge_gradients" / "scenes" / "checker.txt"
 STEPS = {
     "ball0.ior": 4e-3,
     "ball0.center.y": 2e-3,

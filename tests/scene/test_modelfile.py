@@ -18,7 +18,7 @@ from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.scene.table import ATTRIBUTE_NAMES, BLOCK_TYPES, SHAPE_KEYWORDS
 from raytrace_jax.util.digits import format_number
 
-DATA = Path(__file__).parent.parent / "data"
+DATA = Path(__file__).parents[2] / "data"
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
 SETTINGS_WORDS = (
     st.sampled_from([None, "classic", "additive", "physical"]),

@@ -255,7 +255,7 @@ def test_a_number_is_known_by_any_of_its_names():
             spelled(scene, names, name, "prior")
 
 
-SCENE = load_scene(Path(__file__).parents[1] / "data" / "vitreous.txt")
+SCENE = load_scene(Path(__file__).parents[2] / "data" / "vitreous.txt")
 FREE = make_unknowns(SCENE, ["vitreous.ior", "vitreous.center"])
 
 

@@ -11,7 +11,7 @@ from scenes import assert_same_scene
 from raytrace_jax import get_parameter, list_parameters, load_scene, parse_scene, set_parameters
 from raytrace_jax.scene.parameters import shared_with
 
-VITREOUS = load_scene(Path(__file__).parent.parent / "data" / "vitreous.txt", dtype=np.float32)
+VITREOUS = load_scene(Path(__file__).parents[2] / "data" / "vitreous.txt", dtype=np.float32)
 SHARED = parse_scene(
     """
     camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }
@@ -93,7 +93,7 @@ def test_shapes_that_share_a_material_are_told_in_the_files_order():
 @pytest.mark.parametrize("value", [2, 2.0, (2.0,), np.float64(2), np.array([2], np.float32), jnp.asarray(2)])
 def test_the_scene_keeps_its_dtype(dtype, value):
     with jax.enable_x64(True):
-        scene = load_scene(Path(__file__).parent.parent / "data" / "vitreous.txt", dtype=dtype)
+        scene = load_scene(Path(__file__).parents[2] / "data" / "vitreous.txt", dtype=dtype)
         changed = set_parameters(scene, {"vitreous.radius": value, "vitreous.center.x": value})
         assert {leaf.dtype for leaf in jax.tree.leaves(changed)} == {np.dtype(dtype)}
         assert float(get_parameter(changed, "vitreous.radius")) == 2

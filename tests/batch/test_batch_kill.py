@@ -11,7 +11,7 @@ import psutil
 import pytest
 from batch_plans import HEAD, QUICK_FIT
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 PLAN = HEAD + "[grid]\ncyan.alpha = { start = 0.2, stop = 0.7, count = 12 }\n[render]\n" + QUICK_FIT
 RENDERS, JOBS = 12, 24

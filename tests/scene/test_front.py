@@ -225,7 +225,7 @@ def test_the_bundled_scenes_are_listed(capsys):
 
 
 def test_there_is_one_title_to_cite_and_one_name():
-    root = Path(__file__).parent.parent
+    root = Path(__file__).parents[2]
     readme = " ".join((root / "README.md").read_text(encoding="utf-8").split())
     report = (root / "raytrace_jax/report/fit_report/page.html.jinja").read_text(encoding="utf-8")
     for words in ("raytrace_jax: a differentiable Whitted ray tracer in JAX", "The raytrace_jax developers"):

@@ -15,7 +15,7 @@ import pytest
 import raytrace_jax
 from raytrace_jax import render, write_png
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 VITREOUS = ROOT / "data" / "vitreous.txt"
 
 

@@ -103,7 +103,7 @@ def test_comments_anywhere_change_nothing_and_none_is_lost(data):
 
 @pytest.mark.parametrize("name", ["vitreous.txt", "checkpoints.txt"])
 def test_a_canonical_file_says_the_index_of_glass_and_of_nothing_else(name):
-    text = (Path(__file__).parent.parent / "data" / name).read_text()
+    text = (Path(__file__).parents[2] / "data" / name).read_text()
     scene = parse_scene(text, model="additive")
     materials = [block for block in format_scene(scene, model="additive").split("\n\n") if block.startswith("material")]
     assert materials

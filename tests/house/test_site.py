@@ -14,7 +14,7 @@ from command_line import run
 
 from raytrace_jax import FitResult
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
 NOTEBOOKS = {f"notebooks/{path.stem}.md" for path in (ROOT / "experiments" / "teaching").glob("*.ipynb")}
