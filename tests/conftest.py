@@ -38,11 +38,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 CORE = "util.numerics scene.scene optics tracer.geometry tracer.visibility tracer.shading"
 CORE += " tracer.levels tracer.world tracer.run tracer.pixels tracer.pure tracer.rendering tracer.derivatives"
 CORE += " tracer.ray_tree"
-CORE += " inverse.assumptions inverse.build_problem inverse.candidates inverse.changes inverse.status"
-CORE += " inverse.estimate inverse.fixed inverse.forward inverse.linearize inverse.model_check inverse.resampled"
-CORE += " inverse.noise inverse.problem inverse.profile inverse.refine inverse.residual_function"
-CORE += " inverse.sampling inverse.search inverse.solvers inverse.steps inverse.suspects inverse.uncertainty"
-CORE += " inverse.unknowns"
+CORE += " inverse.problem inverse.observe inverse.judge inverse.solve inverse.status inverse.estimate"
 if IN_CI:
     jaxtyping.install_import_hook([f"raytrace_jax.{module}" for module in CORE.split()], "beartype.beartype")
 

@@ -11,9 +11,9 @@ from jaxtyping import Array, Float
 from scenes import numbers
 
 from raytrace_jax import Scene, parse_scene
-from raytrace_jax.inverse.forward import forward_model, observe
-from raytrace_jax.inverse.problem import Problem
-from raytrace_jax.inverse.unknowns import Transform, Unknowns, make_prior
+from raytrace_jax.inverse.problem.forward import forward_model, observe
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.unknowns import Transform, Unknowns, make_prior
 from raytrace_jax.tracer.pixels import PixelDerivatives
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

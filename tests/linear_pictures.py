@@ -6,9 +6,9 @@ import numpy as np
 from linear_fit import linear_names, linear_problem
 from scipy import ndimage
 
+from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem import FitState
-from raytrace_jax.inverse.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.problem.problem import FitState
 
 SIZE = (64, 80)
 SIGMA = 0.02

@@ -75,22 +75,24 @@ MUTATIONS = {
     "checker_edges": Mutation(
         "tracer/shading/checker_texture.py", "(i, j, i * j) for", "(i, j, abs(i * j)) for", "textures"
     ),
-    "cauchy_guard": Mutation("inverse/linearize.py", "large = squared > 1e-8", "large = squared > -1.0", "losses"),
-    "bounded_reach": Mutation("inverse/steps.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
+    "cauchy_guard": Mutation(
+        "inverse/problem/linearize.py", "large = squared > 1e-8", "large = squared > -1.0", "losses"
+    ),
+    "bounded_reach": Mutation("inverse/solve/steps.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
     "vuong_squares": Mutation(
-        "inverse/noise.py",
+        "inverse/observe/noise.py",
         "other**2 - better**2",
         "other**2 + better**2",
         "verdict model_check fit_options",
     ),
     "degrees_of_freedom": Mutation(
-        "inverse/uncertainty.py",
+        "inverse/judge/uncertainty.py",
         "freedom = 3 * int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)",
         "freedom = int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)",
         "uncertainty observation",
     ),
     "bias_sign": Mutation(
-        "inverse/forward.py",
+        "inverse/problem/forward.py",
         "return (image + self.bias - self.target)",
         "return (image - self.bias - self.target)",
         "observation correction picture_changes",

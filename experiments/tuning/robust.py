@@ -8,12 +8,12 @@ from bench import CASES, Bench
 from replacing import replaced
 
 from raytrace_jax import Scene, get_parameter, render, set_parameters
-from raytrace_jax.inverse.build_problem import build_problem
+from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem import FitState
-from raytrace_jax.inverse.refine import refine
-from raytrace_jax.inverse.steps import Recorder
-from raytrace_jax.inverse.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.problem.build_problem import build_problem
+from raytrace_jax.inverse.problem.problem import FitState
+from raytrace_jax.inverse.solve.refine import refine
+from raytrace_jax.inverse.solve.steps import Recorder
 
 
 def refined(bench: Bench, scene: Scene, target: np.ndarray, free: tuple[str, ...]) -> tuple[FitState, int]:
@@ -54,7 +54,7 @@ def curvature_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
 
         with mock.patch.object(np.linalg, "eigvalsh", kept):
             for value in LEAST_CURVATURES:
-                with replaced({"inverse.uncertainty:LEAST_CURVATURE": value}):
+                with replaced({"inverse.judge.uncertainty:LEAST_CURVATURE": value}):
                     bars[value] = quantify_uncertainty(solution, None).standard_error[0]
         error = abs(solution.problem.values(solution.y)[0] - bench.truth[0])
         told = "; ".join(f"{value:g}: {bar / bars[0.05]:.2f}" for value, bar in bars.items())

@@ -7,17 +7,17 @@ from bench import CASES, Bench
 from replacing import replaced
 
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.search import choose_levels, find_minima
+from raytrace_jax.inverse.solve.search import choose_levels, find_minima
 
 HEAD = ("scene", "number", "value", "at the truth", "explained", "minima", "pictures scanned", "steps")
 
 
 VARIED: list[tuple[str, dict[str, Any]]] = [
-    ("inverse.search:LEAST_SOLVES", {"1": 1, "4": 4}),
-    ("inverse.search:MOST_SOLVES", {"2": 2, "10": 10}),
-    ("inverse.search:LEAST_SIGNAL", {"0.15": 0.15, "0.6": 0.6}),
+    ("inverse.solve.search:LEAST_SOLVES", {"1": 1, "4": 4}),
+    ("inverse.solve.search:MOST_SOLVES", {"2": 2, "10": 10}),
+    ("inverse.solve.search:LEAST_SIGNAL", {"0.15": 0.15, "0.6": 0.6}),
 ]
-"""Numbers of `inverse.search` with values beside their own."""
+"""Numbers of `inverse.solve.search` with values beside their own."""
 
 NEAR_TRUTH = 0.02
 """A minimum nearer to the truth than this, in natural scales, is there."""

@@ -11,8 +11,8 @@ import jax
 
 from raytrace_jax.batch.plan_file import RANGE, Keys, PlanFile, Value, read_value, read_values, shown
 from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
-from raytrace_jax.inverse.fixed import numbers_of, standard_deviation
 from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.fixed import numbers_of, standard_deviation
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
 from raytrace_jax.scene.reader import load_scene
 from raytrace_jax.scene.scene import Scene, fingerprint

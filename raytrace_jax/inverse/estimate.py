@@ -12,20 +12,20 @@ from jaxtyping import Array
 from raytrace_jax.errors import PictureWarning
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.images.masks import mask_in_words
-from raytrace_jax.inverse.build_problem import FitSetup, build_problem
-from raytrace_jax.inverse.candidates import unseen_balls, with_open
-from raytrace_jax.inverse.changes import pixels_to_check
-from raytrace_jax.inverse.model_check import check_model
+from raytrace_jax.inverse.judge.changes import pixels_to_check
+from raytrace_jax.inverse.judge.model_check import check_model
+from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.observe.sampling import COARSE_SAMPLES, Sampling, cached_detection, supersampled
 from raytrace_jax.inverse.options import FitOptions, Stage, changed_options
-from raytrace_jax.inverse.problem import Problem
-from raytrace_jax.inverse.profile import find_profile
-from raytrace_jax.inverse.refine import first_stage, select_solution
+from raytrace_jax.inverse.problem.build_problem import FitSetup, build_problem
+from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitResult, FitStep
-from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, cached_detection, supersampled
-from raytrace_jax.inverse.search import Levels, choose_levels, find_minima
+from raytrace_jax.inverse.solve.candidates import unseen_balls, with_open
+from raytrace_jax.inverse.solve.profile import find_profile
+from raytrace_jax.inverse.solve.refine import first_stage, select_solution
+from raytrace_jax.inverse.solve.search import Levels, choose_levels, find_minima
+from raytrace_jax.inverse.solve.steps import LocalMinimum, Recorder
 from raytrace_jax.inverse.status import make_result
-from raytrace_jax.inverse.steps import LocalMinimum, Recorder
-from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings

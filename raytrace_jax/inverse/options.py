@@ -11,7 +11,7 @@ from raytrace_jax.util.checked import Checked, Wanted
 from raytrace_jax.util.text import did_you_mean, quoted
 
 LossName = Literal["l2", "cauchy"]
-"""The losses of `inverse.linearize`."""
+"""The losses of `inverse.problem.linearize`."""
 
 LossChoice = Literal["auto", LossName]
 """`auto`: the loss that suits how the target was sampled."""

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.inverse.assumptions import Dependence, ModelCheck, dependences
-from raytrace_jax.inverse.uncertainty import Uncertainty, correlation_of
+from raytrace_jax.inverse.judge.assumptions import Dependence, ModelCheck, dependences
+from raytrace_jax.inverse.judge.uncertainty import Uncertainty, correlation_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.digits import with_error

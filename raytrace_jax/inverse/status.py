@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from raytrace_jax.inverse.assumptions import Contradiction, ModelCheck, contradicted, looks_like, short_count
-from raytrace_jax.inverse.build_problem import FitSetup
-from raytrace_jax.inverse.noise import EVIDENCE, is_near
+from raytrace_jax.inverse.judge.assumptions import Contradiction, ModelCheck, contradicted, looks_like, short_count
+from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
+from raytrace_jax.inverse.observe.noise import EVIDENCE, is_near
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem import FitState, Problem
+from raytrace_jax.inverse.problem.build_problem import FitSetup
+from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.result import PROFILE_95, FitHistory, FitPictures, FitResult, Minimum, Profile, Status
-from raytrace_jax.inverse.steps import Recorder, bounds_reached
-from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
+from raytrace_jax.inverse.solve.steps import Recorder, bounds_reached
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.util.text import listed
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from raytrace_jax.inverse.assumptions import Contradiction, contradicted
+from raytrace_jax.inverse.judge.assumptions import Contradiction, contradicted
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.photo.bundle import BALL, OWN, Adjusted
 from raytrace_jax.photo.cameras import COUNT, LENS

@@ -10,7 +10,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from raytrace_jax.inverse.assumptions import Contradiction
+from raytrace_jax.inverse.judge.assumptions import Contradiction
 from raytrace_jax.photo.bundle import Corners
 from raytrace_jax.photo.flattened import AROUND, Flattened
 from raytrace_jax.photo.grids import PixelGrid

@@ -12,8 +12,8 @@ from test_camera_files import jpeg
 from raytrace_jax import PictureError, jpeg_storage, read_picture
 from raytrace_jax.images.exif import TURNS
 from raytrace_jax.images.transfer import decode_srgb
-from raytrace_jax.inverse.noise import pair_scores
-from raytrace_jax.inverse.sampling import storage_bias
+from raytrace_jax.inverse.observe.noise import pair_scores
+from raytrace_jax.inverse.observe.sampling import storage_bias
 
 RANDOM = np.random.default_rng(4)
 PIXELS = RANDOM.integers(0, 256, (37, 53, 3)).astype(np.uint8)

@@ -15,10 +15,10 @@ from scenes import assignment_scene
 from scipy.optimize import lsq_linear
 
 from raytrace_jax import RenderSettings
-from raytrace_jax.inverse.problem import FitState
-from raytrace_jax.inverse.solvers import gauss_newton, levenberg_marquardt
-from raytrace_jax.inverse.steps import Recorder, bounds_reached, shorten_step
-from raytrace_jax.inverse.unknowns import Transform
+from raytrace_jax.inverse.problem.problem import FitState
+from raytrace_jax.inverse.problem.unknowns import Transform
+from raytrace_jax.inverse.solve.solvers import gauss_newton, levenberg_marquardt
+from raytrace_jax.inverse.solve.steps import Recorder, bounds_reached, shorten_step
 
 EXACT = dataclasses.replace(POINT, relative=1e-10, decrease=1e-12)
 TRANSFORMS = (Transform("above"), Transform("between"), Transform())

@@ -12,7 +12,8 @@ from scenes import assignment_scene, scaled_scene
 from test_fits_of_glass import BALL, BOARD
 
 from raytrace_jax import parse_scene, render, set_parameters
-from raytrace_jax.inverse.candidates import (
+from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.solve.candidates import (
     BUBBLE_INDICES,
     FAR,
     FAR_INDICES,
@@ -25,7 +26,6 @@ from raytrace_jax.inverse.candidates import (
     unseen_balls,
     with_open,
 )
-from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 from raytrace_jax.tracer.geometry.camera import ray
 
 SPREAD = (np.arange(FAR) + 0.5) / FAR

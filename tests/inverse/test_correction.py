@@ -10,10 +10,10 @@ from posing import posed_problem
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
+from raytrace_jax.inverse.observe.resampled import resampled, settle
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem import FitState
-from raytrace_jax.inverse.resampled import resampled, settle
-from raytrace_jax.inverse.steps import Recorder
+from raytrace_jax.inverse.problem.problem import FitState
+from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.tracer import run
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.pixels import pixel_colors

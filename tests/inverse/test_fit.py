@@ -15,8 +15,8 @@ from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, fit, render, set_parameters
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.inverse.sampling import detect_sampling
-from raytrace_jax.inverse.unknowns import default_transform
+from raytrace_jax.inverse.observe.sampling import detect_sampling
+from raytrace_jax.inverse.problem.unknowns import default_transform
 from raytrace_jax.scene.parameters import resolve
 
 pytestmark = pytest.mark.optimized

@@ -6,8 +6,8 @@ import pytest
 from linear_fit import linear_problem
 from linear_pictures import POINT, state_at
 
-from raytrace_jax.inverse.solvers import gauss_newton, move_in_errors
-from raytrace_jax.inverse.steps import Recorder
+from raytrace_jax.inverse.solve.solvers import gauss_newton, move_in_errors
+from raytrace_jax.inverse.solve.steps import Recorder
 
 COLUMNS = np.random.default_rng(1).normal(size=(3, 3, 24, 32))
 

@@ -11,7 +11,7 @@ from linear_fit import LinearModel, linear_names, linear_problem
 from scipy import ndimage
 
 from raytrace_jax import fit, write_report
-from raytrace_jax.inverse.steps import Recorder
+from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.report.fit_report.folder import TEXTS
 
 SIZE = (30, 40)

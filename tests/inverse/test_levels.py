@@ -7,8 +7,8 @@ from posing import posed_problem
 from scipy import ndimage
 
 from raytrace_jax import set_parameters
-from raytrace_jax.inverse.search import Levels, find_minima
-from raytrace_jax.inverse.steps import Recorder
+from raytrace_jax.inverse.solve.search import Levels, find_minima
+from raytrace_jax.inverse.solve.steps import Recorder
 
 SIZE = (48, 64)
 TRUTH = 0.5

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from linear_fit import linear_problem
 
-from raytrace_jax.inverse.linearize import LOSSES
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.solvers import gauss_newton_step
+from raytrace_jax.inverse.problem.linearize import LOSSES
+from raytrace_jax.inverse.solve.solvers import gauss_newton_step
 
 NAMES = sorted(LOSSES)
 DEFINITIONS = {"l2": lambda r, s: r**2 / 2, "cauchy": lambda r, s: s**2 / 2 * np.log1p((r / s) ** 2)}

@@ -13,8 +13,8 @@ from scenes import assignment_scene
 from scipy import ndimage
 
 from raytrace_jax import RenderSettings
-from raytrace_jax.inverse.assumptions import Cause
-from raytrace_jax.inverse.model_check import (
+from raytrace_jax.inverse.judge.assumptions import Cause
+from raytrace_jax.inverse.judge.model_check import (
     SIGNIFICANT,
     STORAGE_SLACK,
     beyond_storage,
@@ -22,9 +22,9 @@ from raytrace_jax.inverse.model_check import (
     find_causes,
     flip_step,
 )
-from raytrace_jax.inverse.noise import correlated_scatter, hidden_scatter, leverages, pair_scores
-from raytrace_jax.inverse.suspects import Rows, Suspects, fitted, suspected_changes
-from raytrace_jax.inverse.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.judge.suspects import Rows, Suspects, fitted, suspected_changes
+from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.observe.noise import correlated_scatter, hidden_scatter, leverages, pair_scores
 
 FREE = 2
 ANYWHERE = -np.inf, np.inf

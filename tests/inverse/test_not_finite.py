@@ -11,12 +11,12 @@ from linear_pictures import POINT, state_at
 
 from raytrace_jax import PictureError, PictureWarning
 from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
-from raytrace_jax.inverse.noise import explains
+from raytrace_jax.inverse.observe.noise import explains
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem import Problem
-from raytrace_jax.inverse.search import choose_levels, find_minima
-from raytrace_jax.inverse.solvers import gauss_newton, levenberg_marquardt
-from raytrace_jax.inverse.steps import Recorder
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.solve.search import choose_levels, find_minima
+from raytrace_jax.inverse.solve.solvers import gauss_newton, levenberg_marquardt
+from raytrace_jax.inverse.solve.steps import Recorder
 
 EXACT = dataclasses.replace(POINT, relative=1e-10, decrease=1e-12, rejected=8)
 COLUMNS = np.random.default_rng(5).normal(size=(2, 3, 12, 16))
@@ -96,7 +96,7 @@ def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
 
 
 def minima_of(problem, monkeypatch, starts):
-    monkeypatch.setattr("raytrace_jax.inverse.search.find_starts", lambda *_: list(map(np.asarray, starts)))
+    monkeypatch.setattr("raytrace_jax.inverse.solve.search.find_starts", lambda *_: list(map(np.asarray, starts)))
     recorder = Recorder(problem, None, None, None)
     return find_minima(problem, choose_levels(problem, FitOptions(blur=(0.0,))), "point", True, recorder)
 

@@ -12,7 +12,7 @@ from posing import posed_problem
 from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, picture_derivatives, render, set_parameters
-from raytrace_jax.inverse.changes import (
+from raytrace_jax.inverse.judge.changes import (
     SIDE,
     SampledPicture,
     draw_sample,
@@ -20,8 +20,8 @@ from raytrace_jax.inverse.changes import (
     number_changes,
     parameter_changes,
 )
-from raytrace_jax.inverse.fixed import fixed_numbers
-from raytrace_jax.inverse.search import best_films
+from raytrace_jax.inverse.problem.fixed import fixed_numbers
+from raytrace_jax.inverse.solve.search import best_films
 
 SETTINGS = RenderSettings(size=(40, 30), max_bounces=2)
 SCENE = assignment_scene(jnp.float64)

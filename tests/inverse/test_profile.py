@@ -5,11 +5,11 @@ import pytest
 from linear_fit import linear_names, linear_problem
 from linear_pictures import COLUMNS, ROWS, SIGMA, TRUTH, state_at
 
+from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.profile import FARTHEST_ERRORS, find_profile, interval
 from raytrace_jax.inverse.result import PROFILE_95
-from raytrace_jax.inverse.steps import Recorder
-from raytrace_jax.inverse.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.solve.profile import FARTHEST_ERRORS, find_profile, interval
+from raytrace_jax.inverse.solve.steps import Recorder
 
 
 def drawn(place, columns=COLUMNS, priors=None):

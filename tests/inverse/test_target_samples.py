@@ -6,12 +6,12 @@ from linear_pictures import state_at
 from posing import posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax.inverse.forward import PredictedPicture
-from raytrace_jax.inverse.noise import block_scatter
+from raytrace_jax.inverse.observe.noise import block_scatter
+from raytrace_jax.inverse.observe.resampled import ResampledPicture, settle
+from raytrace_jax.inverse.observe.sampling import LATTICES, detect_grid, lattice_offsets, point_sampled
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.resampled import ResampledPicture, settle
-from raytrace_jax.inverse.sampling import LATTICES, detect_grid, lattice_offsets, point_sampled
-from raytrace_jax.inverse.steps import Recorder
+from raytrace_jax.inverse.problem.forward import PredictedPicture
+from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import pixel_colors, sample_offsets
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings

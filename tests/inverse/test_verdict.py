@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from raytrace_jax.inverse.assumptions import Assumption, Cause, Contradiction, ModelCheck, dependences
-from raytrace_jax.inverse.noise import PairScores, is_explained, vuong_evidence
+from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, Contradiction, ModelCheck, dependences
+from raytrace_jax.inverse.judge.uncertainty import Uncertainty
+from raytrace_jax.inverse.observe.noise import PairScores, is_explained, vuong_evidence
 from raytrace_jax.inverse.result import Minimum, Profile
 from raytrace_jax.inverse.status import (
     bounds_in_words,
@@ -19,7 +20,6 @@ from raytrace_jax.inverse.status import (
     fit_status,
     profiles_in_words,
 )
-from raytrace_jax.inverse.uncertainty import Uncertainty
 
 HEIGHT, WIDTH = 60, 80
 ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH]

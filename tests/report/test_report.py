@@ -18,7 +18,7 @@ from PIL import Image
 
 import raytrace_jax
 from raytrace_jax import RaytraceError, format_scene, read_exr, write_report
-from raytrace_jax.inverse.assumptions import ModelCheck
+from raytrace_jax.inverse.judge.assumptions import ModelCheck
 from raytrace_jax.inverse.result import ELLIPSE_95
 from raytrace_jax.report.fit_report.curves import draw_profile, ellipse
 from raytrace_jax.report.fit_report.figure import draw_report, residual_of

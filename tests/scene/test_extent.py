@@ -19,7 +19,7 @@ from raytrace_jax import (
     make_renderer,
     parse_scene,
 )
-from raytrace_jax.inverse.unknowns import default_transform, make_unknowns, natural_scale
+from raytrace_jax.inverse.problem.unknowns import default_transform, make_unknowns, natural_scale
 from raytrace_jax.scene.parameters import resolve, scalar_names
 from raytrace_jax.scene.scene import world_length
 

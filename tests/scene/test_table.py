@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from raytrace_jax import Scene
-from raytrace_jax.inverse.linearize import LOSSES
 from raytrace_jax.inverse.options import LossName
+from raytrace_jax.inverse.problem.linearize import LOSSES
 from raytrace_jax.scene.schema import DerivedDefault
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, SHAPE_KEYWORDS

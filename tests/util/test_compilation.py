@@ -16,8 +16,8 @@ from command_line import run
 from compiles import counted_compiles, counted_traces
 from user_loops import SCENE
 
-from raytrace_jax.inverse.problem import values_and_slopes
-from raytrace_jax.inverse.unknowns import Transform, Unknowns
+from raytrace_jax.inverse.problem.problem import values_and_slopes
+from raytrace_jax.inverse.problem.unknowns import Transform, Unknowns
 from raytrace_jax.util.background import CompileAhead
 from raytrace_jax.util.compilation import forget_programs, jit, keep_programs
 

@@ -19,8 +19,8 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import angle_of_view, camera_of, orientation_of
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.pictures import is_photograph, read_picture, transfer_of_camera
-from raytrace_jax.inverse.assumptions import Contradiction, looks_like
 from raytrace_jax.inverse.estimate import fit
+from raytrace_jax.inverse.judge.assumptions import Contradiction, looks_like
 from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.photo.boards import CharucoBoard, read_board
 from raytrace_jax.photo.calibrate import calibrate

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.noise import EVIDENCE, vuong_evidence
-from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.sampling import supersampled
-from raytrace_jax.inverse.uncertainty import Uncertainty
-from raytrace_jax.inverse.unknowns import Image, Values, natural_scale
+from raytrace_jax.inverse.judge.uncertainty import Uncertainty
+from raytrace_jax.inverse.observe.noise import EVIDENCE, vuong_evidence
+from raytrace_jax.inverse.observe.sampling import supersampled
+from raytrace_jax.inverse.problem.problem import FitState, Problem
+from raytrace_jax.inverse.problem.unknowns import Image, Values, natural_scale
 from raytrace_jax.scene.parameters import Address, Block, material_of, resolve
 from raytrace_jax.scene.scene import Camera, Scene
 from raytrace_jax.tracer.geometry.camera import ray

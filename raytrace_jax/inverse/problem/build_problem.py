@@ -12,11 +12,11 @@ from jaxtyping import Float
 
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.images.pictures import read_origin
-from raytrace_jax.inverse.fixed import root_covariance, stated_uncertainties, with_known_offsets
-from raytrace_jax.inverse.forward import Observation, observe
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem import Problem
-from raytrace_jax.inverse.unknowns import Priors, make_prior, make_unknowns, spelled
+from raytrace_jax.inverse.problem.fixed import root_covariance, stated_uncertainties, with_known_offsets
+from raytrace_jax.inverse.problem.forward import Observation, observe
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.unknowns import Priors, make_prior, make_unknowns, spelled
 from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.parameters import film_effects, get_parameter, scalar_names, set_parameters, with_film
 from raytrace_jax.scene.response import FILM_EFFECTS
@@ -58,7 +58,7 @@ def build_problem(
     # What is free, and whether there is memory for it.
     check_values(scene)
     scene, free, ties = asked_for(scene, free, options)
-    if options.edges == "aware":  # Its samples are those of the target, which `inverse.sampling` adds.
+    if options.edges == "aware":  # Its samples are those of the target, which `inverse.observe.sampling` adds.
         settings = dataclasses.replace(settings, samples=1)
     refuse_too_large(scene, settings, len(free))
 

@@ -9,10 +9,10 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.inverse.build_problem import build_problem
-from raytrace_jax.inverse.forward import Observation
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.unknowns import Unknowns
+from raytrace_jax.inverse.problem.build_problem import build_problem
+from raytrace_jax.inverse.problem.forward import Observation
+from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.pure import MOVING_SLACK, measured_room, picture_at, room_for
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings

@@ -7,8 +7,8 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from raytrace_jax.images.transfer import rounding_of
-from raytrace_jax.inverse.problem import FitState
-from raytrace_jax.inverse.unknowns import Covariance, Image, Mask, PixelJacobian
+from raytrace_jax.inverse.problem.problem import FitState
+from raytrace_jax.inverse.problem.unknowns import Covariance, Image, Mask, PixelJacobian
 from raytrace_jax.util.numerics import TINY, solve_normal
 
 SQUARE = 4

@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from raytrace_jax.inverse.assumptions import ModelCheck
-from raytrace_jax.inverse.linearize import Linearization
-from raytrace_jax.inverse.noise import explains, vuong_evidence
-from raytrace_jax.inverse.problem import FitState, Problem
+from raytrace_jax.inverse.judge.assumptions import ModelCheck
+from raytrace_jax.inverse.judge.uncertainty import Uncertainty
+from raytrace_jax.inverse.observe.noise import explains, vuong_evidence
+from raytrace_jax.inverse.problem.linearize import Linearization
+from raytrace_jax.inverse.problem.problem import FitState, Problem
+from raytrace_jax.inverse.problem.unknowns import Image, Unknowns, Values, Vector
 from raytrace_jax.inverse.result import FitStep, Minimum, Profile
-from raytrace_jax.inverse.uncertainty import Uncertainty
-from raytrace_jax.inverse.unknowns import Image, Unknowns, Values, Vector
 
 
 def clip(y: Vector, unknowns: Unknowns) -> Values:

@@ -11,13 +11,13 @@ from jaxtyping import Float, Int
 from scipy import ndimage
 
 from raytrace_jax.images.jpeg import LARGEST_UNIT
-from raytrace_jax.inverse.fixed import FixedNumbers, inward_steps, moved_together
-from raytrace_jax.inverse.forward import PredictedPicture
-from raytrace_jax.inverse.linearize import Linearization
-from raytrace_jax.inverse.noise import square_sums
+from raytrace_jax.inverse.observe.noise import square_sums
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem import Problem
-from raytrace_jax.inverse.unknowns import Image, Mask, Vector
+from raytrace_jax.inverse.problem.fixed import FixedNumbers, inward_steps, moved_together
+from raytrace_jax.inverse.problem.forward import PredictedPicture
+from raytrace_jax.inverse.problem.linearize import Linearization
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.unknowns import Image, Mask, Vector
 from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import pixel_step

@@ -10,14 +10,14 @@ from scipy import ndimage
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import blurred
-from raytrace_jax.inverse.candidates import groups, table
-from raytrace_jax.inverse.forward import develop_best
-from raytrace_jax.inverse.linearize import Linearization
 from raytrace_jax.inverse.options import FitOptions, Stage
-from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.solvers import levenberg_marquardt
-from raytrace_jax.inverse.steps import LocalMinimum, Recorder, hold
-from raytrace_jax.inverse.unknowns import Values, Vector
+from raytrace_jax.inverse.problem.forward import develop_best
+from raytrace_jax.inverse.problem.linearize import Linearization
+from raytrace_jax.inverse.problem.problem import FitState, Problem
+from raytrace_jax.inverse.problem.unknowns import Values, Vector
+from raytrace_jax.inverse.solve.candidates import groups, table
+from raytrace_jax.inverse.solve.solvers import levenberg_marquardt
+from raytrace_jax.inverse.solve.steps import LocalMinimum, Recorder, hold
 from raytrace_jax.scene.response import FILM_EFFECTS
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.scene.setting_words import EdgeMode

@@ -8,12 +8,9 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from raytrace_jax.images.transfer import rounding_of
-from raytrace_jax.inverse.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
-from raytrace_jax.inverse.changes import PixelSample, flat, number_changes, parameter_changes, pixels_to_check
-from raytrace_jax.inverse.fixed import FixedNumbers, fixed_numbers, root_covariance
-from raytrace_jax.inverse.noise import PairScores, block_scatter, pair_scores
-from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.suspects import (
+from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
+from raytrace_jax.inverse.judge.changes import PixelSample, flat, number_changes, parameter_changes, pixels_to_check
+from raytrace_jax.inverse.judge.suspects import (
     Rows,
     Suspects,
     film_rows,
@@ -23,8 +20,11 @@ from raytrace_jax.inverse.suspects import (
     stated_changes,
     suspected_changes,
 )
-from raytrace_jax.inverse.uncertainty import RANK_ROUNDINGS
-from raytrace_jax.inverse.unknowns import Covariance, Image, Values
+from raytrace_jax.inverse.judge.uncertainty import RANK_ROUNDINGS
+from raytrace_jax.inverse.observe.noise import PairScores, block_scatter, pair_scores
+from raytrace_jax.inverse.problem.fixed import FixedNumbers, fixed_numbers, root_covariance
+from raytrace_jax.inverse.problem.problem import FitState, Problem
+from raytrace_jax.inverse.problem.unknowns import Covariance, Image, Values
 
 SIGNIFICANT = 4.5
 """Standard score from which on a change explains a residual. Of 114 changes the largest score of noise alone, white,

@@ -7,11 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from raytrace_jax.inverse.forward import PredictedPicture
-from raytrace_jax.inverse.noise import explains
-from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.sampling import (
+from raytrace_jax.inverse.observe.noise import explains
+from raytrace_jax.inverse.observe.sampling import (
     COARSE_SAMPLES,
     Moments,
     disagreement,
@@ -21,9 +18,12 @@ from raytrace_jax.inverse.sampling import (
     point_sampled,
     storage_bias,
 )
-from raytrace_jax.inverse.solvers import gauss_newton
-from raytrace_jax.inverse.steps import Recorder, shorten_step
-from raytrace_jax.inverse.unknowns import Covariance, Image, PixelJacobian, Values, Vector
+from raytrace_jax.inverse.options import Stage
+from raytrace_jax.inverse.problem.forward import PredictedPicture
+from raytrace_jax.inverse.problem.problem import FitState, Problem
+from raytrace_jax.inverse.problem.unknowns import Covariance, Image, PixelJacobian, Values, Vector
+from raytrace_jax.inverse.solve.solvers import gauss_newton
+from raytrace_jax.inverse.solve.steps import Recorder, shorten_step
 from raytrace_jax.tracer.pixels import sample_offsets
 from raytrace_jax.util.numerics import TINY, finite_or_last
 

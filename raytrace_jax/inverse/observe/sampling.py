@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.inverse.problem import Problem
-from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA
-from raytrace_jax.inverse.unknowns import AnyArray, Image, Mask, Vector
+from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.unknowns import AnyArray, Image, Mask, Vector
 from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.pixels import sample_offsets

@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
 
-from raytrace_jax.inverse.assumptions import Cause
-from raytrace_jax.inverse.changes import SampledPicture, flat
-from raytrace_jax.inverse.fixed import FixedNumbers
-from raytrace_jax.inverse.problem import Problem
-from raytrace_jax.inverse.unknowns import Image, Vector
+from raytrace_jax.inverse.judge.assumptions import Cause
+from raytrace_jax.inverse.judge.changes import SampledPicture, flat
+from raytrace_jax.inverse.problem.fixed import FixedNumbers
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.unknowns import Image, Vector
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.scene.response import FILM, FILM_EFFECTS, FilmEffect, develop_compiled, neutral_response, without_idle
 from raytrace_jax.scene.scene import CameraResponse

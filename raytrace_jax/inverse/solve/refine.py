@@ -6,16 +6,16 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax.inverse.linearize import LOSSES
-from raytrace_jax.inverse.noise import EVIDENCE, explains
+from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, noise_level
+from raytrace_jax.inverse.observe.noise import EVIDENCE, explains
+from raytrace_jax.inverse.observe.resampled import settle
+from raytrace_jax.inverse.observe.sampling import COARSE_SAMPLES, Sampling, detect_grid, point_sampled
 from raytrace_jax.inverse.options import FitOptions, Stage
-from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.resampled import settle
-from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, detect_grid, point_sampled
-from raytrace_jax.inverse.solvers import gauss_newton, levenberg_marquardt
-from raytrace_jax.inverse.steps import LocalMinimum, Recorder
-from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA, noise_level
-from raytrace_jax.inverse.unknowns import Image, Vector
+from raytrace_jax.inverse.problem.linearize import LOSSES
+from raytrace_jax.inverse.problem.problem import FitState, Problem
+from raytrace_jax.inverse.problem.unknowns import Image, Vector
+from raytrace_jax.inverse.solve.solvers import gauss_newton, levenberg_marquardt
+from raytrace_jax.inverse.solve.steps import LocalMinimum, Recorder
 from raytrace_jax.util.numerics import finite_or_last
 
 

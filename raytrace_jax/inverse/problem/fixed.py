@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float
 
 from raytrace_jax.errors import ParameterError, PictureWarning
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem import Problem
-from raytrace_jax.inverse.unknowns import Unknowns
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.parameters import Address, Parameter, blocks, blocks_of, list_parameters, resolve, scalar_names
 from raytrace_jax.scene.response import FILM
 from raytrace_jax.scene.scene import Scene, map_scenes

@@ -6,10 +6,10 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.linearize import outer
-from raytrace_jax.inverse.noise import correlated_scatter, hidden_scatter, storage_scatter
-from raytrace_jax.inverse.problem import FitState
-from raytrace_jax.inverse.unknowns import Covariance, Values
+from raytrace_jax.inverse.observe.noise import correlated_scatter, hidden_scatter, storage_scatter
+from raytrace_jax.inverse.problem.linearize import outer
+from raytrace_jax.inverse.problem.problem import FitState
+from raytrace_jax.inverse.problem.unknowns import Covariance, Values
 from raytrace_jax.util.numerics import TINY
 
 RANK_TOLERANCE = 1e-9

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import bin_pixels, gaussian_blur
-from raytrace_jax.inverse.unknowns import Image, Mask, Unknowns, Values, Vector, moved_scene
+from raytrace_jax.inverse.problem.unknowns import Image, Mask, Unknowns, Values, Vector, moved_scene
 from raytrace_jax.scene.checks import is_gray
 from raytrace_jax.scene.parameters import film_effects
 from raytrace_jax.scene.response import Frame, develop, develop_compiled, linear_effects, without_idle

@@ -12,7 +12,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int, Num
 
 from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.inverse.forward import (
+from raytrace_jax.inverse.options import Stage
+from raytrace_jax.inverse.problem.forward import (
     Development,
     ForwardModel,
     Observation,
@@ -20,9 +21,8 @@ from raytrace_jax.inverse.forward import (
     forward_model,
     nearest_power,
 )
-from raytrace_jax.inverse.linearize import Linearization, evaluate, linearize
-from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.unknowns import (
+from raytrace_jax.inverse.problem.linearize import Linearization, evaluate, linearize
+from raytrace_jax.inverse.problem.unknowns import (
     Covariance,
     Image,
     Mask,

@@ -12,10 +12,12 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.linearize import Linearization, outer
+from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.steps import (
+from raytrace_jax.inverse.problem.linearize import Linearization, outer
+from raytrace_jax.inverse.problem.problem import FitState, Problem
+from raytrace_jax.inverse.problem.unknowns import Values, Vector
+from raytrace_jax.inverse.solve.steps import (
     Record,
     Step,
     clip,
@@ -24,8 +26,6 @@ from raytrace_jax.inverse.steps import (
     project_on_range,
     shorten_step,
 )
-from raytrace_jax.inverse.uncertainty import RANK_TOLERANCE
-from raytrace_jax.inverse.unknowns import Values, Vector
 from raytrace_jax.util.numerics import TINY
 
 ROUNDINGS = 4

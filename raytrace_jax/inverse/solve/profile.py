@@ -6,12 +6,12 @@ import itertools
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.problem import FitState
+from raytrace_jax.inverse.judge.uncertainty import LARGEST_ERROR, Uncertainty
+from raytrace_jax.inverse.problem.problem import FitState
+from raytrace_jax.inverse.problem.unknowns import Values, Vector
 from raytrace_jax.inverse.result import PROFILE_95, Profile
-from raytrace_jax.inverse.solvers import levenberg_marquardt
-from raytrace_jax.inverse.steps import Recorder, hold
-from raytrace_jax.inverse.uncertainty import LARGEST_ERROR, Uncertainty
-from raytrace_jax.inverse.unknowns import Values, Vector
+from raytrace_jax.inverse.solve.solvers import levenberg_marquardt
+from raytrace_jax.inverse.solve.steps import Recorder, hold
 from raytrace_jax.util.numerics import TINY
 
 FARTHEST_ERRORS = 3.0

@@ -1,0 +1,1 @@
+"""The solve: from places to start to the answer."""
