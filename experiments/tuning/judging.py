@@ -182,7 +182,7 @@ def naming_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
         free = (*case.free, *(f"{case.ball}.{one}" for one in more))
         solution = solve(case, size, Ending(free, bench.noisy(0), "converged")).solution
         for value in (0.05, 0.005, 0.02, 0.1, 0.3):
-            with replaced({f"{STATISTICS}.uncertainty:SHARE_WORTH_NAMING": value}):
+            with replaced({f"{STATISTICS}.judge.uncertainty:SHARE_WORTH_NAMING": value}):
                 words = quantify_uncertainty(solution, None).weakest
             yield [name, " and ".join(("index, center", *more)), f"{value:g}", words.replace(f"{case.ball}.", "")]
 

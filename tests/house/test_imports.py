@@ -16,7 +16,10 @@ PACKAGE = "raytrace_jax"
 FLOORS = ["cli", "batch", "report", "photo", "inverse exchange", "tracer", "scene", "images optics", "util"]
 """The packages, from the highest floor to the lowest; those on one floor do not know each other."""
 
-INNER_FLOORS = {"tracer": ["levels", "shading visibility", "geometry"]}
+INNER_FLOORS = {
+    "tracer": ["levels", "shading visibility", "geometry"],
+    "inverse": ["solve", "judge", "observe", "problem"],
+}
 """The same of packages within a package; the modules beside them may lie anywhere between."""
 
 ROOT_FILES = {"__init__.py", "__main__.py", "_version.py", "errors.py", "py.typed"}
