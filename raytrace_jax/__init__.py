@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from raytrace_jax.images.png import write_png as write_png
     from raytrace_jax.inverse.estimate import fit as fit
     from raytrace_jax.inverse.options import FitOptions as FitOptions
-    from raytrace_jax.inverse.problem.residual_function import PictureResidual as PictureResidual
-    from raytrace_jax.inverse.problem.residual_function import make_residual as make_residual
+    from raytrace_jax.inverse.residual_function import PictureResidual as PictureResidual
+    from raytrace_jax.inverse.residual_function import make_residual as make_residual
     from raytrace_jax.inverse.result import FitResult as FitResult
     from raytrace_jax.report.films import write_derivatives as write_derivatives
     from raytrace_jax.report.films import write_film as write_film
@@ -68,7 +68,7 @@ _FRONT = {
     "images.png": ("write_png",),
     "inverse.estimate": ("fit",),
     "inverse.options": ("FitOptions",),
-    "inverse.problem.residual_function": ("PictureResidual", "make_residual"),
+    "inverse.residual_function": ("PictureResidual", "make_residual"),
     "inverse.result": ("FitResult",),
     "report.films": ("write_derivatives", "write_film"),
     "report.fit_report.folder": ("write_report",),

@@ -7,8 +7,8 @@ import numpy as np
 
 from raytrace_jax import FitResult, load_scene
 from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck
+from raytrace_jax.inverse.judge.structure import PairScores
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.observe.noise import PairScores
 from raytrace_jax.inverse.result import FitHistory, FitPictures, FitStep, Minimum, Profile
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

@@ -11,7 +11,9 @@ from jaxtyping import Array, Float
 from scenes import numbers
 
 from raytrace_jax import Scene, parse_scene
-from raytrace_jax.inverse.problem.forward import forward_model, observe
+from raytrace_jax.inverse.observe.sampling import stages_of
+from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.prediction import ForwardModel, forward_model
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import Transform, Unknowns, make_prior
 from raytrace_jax.tracer.pixels import PixelDerivatives
@@ -36,39 +38,31 @@ def image_and_columns(y, scene, unknowns):
     return image(y), jnp.moveaxis(jax.jacfwd(image)(y), -1, 0)
 
 
-class LinearModel:
-    @staticmethod
-    def differentiate(y, scene, pixels, unknowns, settings):
-        binning, (height, width) = settings.binning, scene.columns.shape[-2:]
+def differentiate(y, scene, pixels, unknowns, settings):
+    binning, (height, width) = settings.binning, scene.columns.shape[-2:]
 
-        def binned(values):
-            squares = np.asarray(values).reshape(
-                *values.shape[:-1], height // binning, binning, width // binning, binning
-            )
-            return squares.mean(axis=(-3, -1)).reshape(*values.shape[:-1], -1)
+    def binned(values):
+        squares = np.asarray(values).reshape(*values.shape[:-1], height // binning, binning, width // binning, binning)
+        return squares.mean(axis=(-3, -1)).reshape(*values.shape[:-1], -1)
 
-        image, columns = map(binned, image_and_columns(y, scene, unknowns))
-        return PixelDerivatives(image, columns, np.zeros(image.shape[1], bool))
+    image, columns = map(binned, image_and_columns(y, scene, unknowns))
+    return PixelDerivatives(image, columns, np.zeros(image.shape[1], bool))
 
-    @staticmethod
-    def prepare_differentiate(*_):
-        pass
 
-    @staticmethod
-    def points(scenes, points, settings, step=None):
-        images = np.tensordot(scenes.spheres.center[:, 0], scenes.columns[0], 1)
-        height, width = images.shape[-2:]
-        column, row = np.round(points[0] * (width - 1)), np.round((1 - points[1]) * (height - 1))
-        return images[:, :, row.astype(int), column.astype(int)]
+def points_of(scenes, points, settings, step=None):
+    images = np.tensordot(scenes.spheres.center[:, 0], scenes.columns[0], 1)
+    height, width = images.shape[-2:]
+    column, row = np.round(points[0] * (width - 1)), np.round((1 - points[1]) * (height - 1))
+    return images[:, :, row.astype(int), column.astype(int)]
 
-    @staticmethod
-    def prepare_points(*_):
-        pass
+
+PROGRAMS = {"differentiate": differentiate, "points": points_of}
+"""What the pictures are computed by; a test may put something around each."""
 
 
 @forward_model.register
 def _(scene: LinearScene):
-    return LinearModel()
+    return ForwardModel(PROGRAMS["differentiate"], lambda *_: None, PROGRAMS["points"], lambda *_: None)
 
 
 def linear_names(count):
@@ -99,4 +93,4 @@ def linear_problem(columns, target, *, start=None, scale=None, weights=None, pri
     free = count if free is None else free
     unknowns = Unknowns(linear_names(free), tuple(transforms or [Transform()] * free))
     prior = make_prior(priors or {}, unknowns, jnp.dtype(jnp.float64))
-    return Problem(scene, observe(target, weights, scene, settings), unknowns, prior, settings)
+    return Problem(scene, observe(target, weights, scene, settings), unknowns, prior, settings, stages_of(1))

@@ -53,7 +53,7 @@ def judged(noise, stage=POINT, sigma=None, values=None, columns=COLUMNS, **optio
         length = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)  # Whatever the units are.
         values = np.linalg.lstsq(rows / length, target.reshape(-1), rcond=1e-12)[0] / length
     problem = linear_problem(columns, target, **options)
-    y = problem.array(problem.unknowns.unknowns(values))
+    y = problem.y_of(values)
     return quantify_uncertainty(state_at(problem, y, stage), sigma)
 
 

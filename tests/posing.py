@@ -1,7 +1,7 @@
 """The problem that a fit solves, as `fit` poses it."""
 
 from raytrace_jax import FitOptions
-from raytrace_jax.inverse.problem.build_problem import build_problem
+from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 

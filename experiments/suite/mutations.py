@@ -80,7 +80,7 @@ MUTATIONS = {
     ),
     "bounded_reach": Mutation("inverse/solve/steps.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
     "vuong_squares": Mutation(
-        "inverse/observe/noise.py",
+        "inverse/judge/structure.py",
         "other**2 - better**2",
         "other**2 + better**2",
         "verdict model_check fit_options",
@@ -92,9 +92,9 @@ MUTATIONS = {
         "uncertainty observation",
     ),
     "bias_sign": Mutation(
-        "inverse/problem/forward.py",
-        "return (image + self.bias - self.target)",
-        "return (image - self.bias - self.target)",
+        "inverse/problem/observation.py",
+        "return (image + bias - target) * root",
+        "return (image - bias - target) * root",
         "observation correction picture_changes",
     ),
     "gamma_chunk": Mutation(

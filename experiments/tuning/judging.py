@@ -10,11 +10,11 @@ from replacing import replaced
 from scipy.ndimage import gaussian_filter
 
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
+from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.judge.assumptions import ModelCheck
+from raytrace_jax.inverse.judge.structure import explains
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
-from raytrace_jax.inverse.observe.noise import explains
 from raytrace_jax.inverse.options import FitOptions, Stage
-from raytrace_jax.inverse.problem.build_problem import build_problem
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.solve.solvers import levenberg_marquardt
 from raytrace_jax.inverse.status import fit_status
@@ -22,11 +22,11 @@ from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 STATISTICS = "inverse"
 VARIED: list[tuple[str, tuple[Any, ...]]] = [
-    ("observe.noise:SQUARE", (2, 3, 6, 8)),
-    ("observe.noise:STRUCTURE_SHARE", (0.25, 0.35, 0.7, 1.0)),
-    ("observe.noise:NEGLIGIBLE", (0.005, 0.01, 0.04, 0.08)),
-    ("observe.noise:NEGLIGIBLE_ELSEWHERE", (0.05, 0.1, 0.4, 0.8)),
-    ("observe.noise:FEWEST_SQUARES", (1, 4, 8)),
+    ("judge.structure:SQUARE", (2, 3, 6, 8)),
+    ("judge.structure:STRUCTURE_SHARE", (0.25, 0.35, 0.7, 1.0)),
+    ("judge.structure:NEGLIGIBLE", (0.005, 0.01, 0.04, 0.08)),
+    ("judge.structure:NEGLIGIBLE_ELSEWHERE", (0.05, 0.1, 0.4, 0.8)),
+    ("judge.structure:FEWEST_SQUARES", (1, 4, 8)),
     ("judge.uncertainty:RANK_TOLERANCE", (1e-11, 1e-7)),
     ("judge.uncertainty:RANK_ROUNDINGS", (1e1, 1e5)),
     ("judge.uncertainty:PART", (1e-5, 1e-1)),

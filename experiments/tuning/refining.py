@@ -10,13 +10,12 @@ from replacing import replaced
 
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty, quantify_uncertainty
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.forward import Tracer
+from raytrace_jax.inverse.problem.prediction import Tracer
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.solve.refine import refine as solve
 
 BOX: list[tuple[str, dict[str, Any]]] = [
     ("inverse.observe.sampling:COARSE_SAMPLES", {"3": 3, "4": 4}),
-    ("inverse.observe.sampling:DISAGREEMENT", {f"{value:g}": value for value in (5e-5, 2e-4, 1e-3, 1e-2)}),
     ("inverse.observe.sampling:LATTICES", {f"{n}": (n,) for n in (89, 233, 610, 1597)}),
     ("inverse.solve.solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]

@@ -8,9 +8,9 @@ from bench import CASES, Bench
 from replacing import replaced
 
 from raytrace_jax import Scene, get_parameter, render, set_parameters
+from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.build_problem import build_problem
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.steps import Recorder

@@ -42,7 +42,7 @@ def outcome(bench: Bench, count: int) -> list[str]:
         phases: list[str] = []
         recorder.on_phase = phases.append
         found = find_minima(problem, choose_levels(problem, FitOptions()), "aware", True, recorder)
-        there += problem.scaled_distance(found[0].summary.value, bench.truth) < NEAR_TRUTH
+        there += problem.distance(found[0].summary.value, bench.truth) < NEAR_TRUTH
         explained += found[0].summary.explained
         minima += len(found)
         pictures = [int(phase.split()[1]) for phase in phases if phase.endswith("pictures")]

@@ -19,9 +19,9 @@ from raytrace_jax.images.jpeg import jpeg_storage
 from raytrace_jax.images.masks import clipped_pixels
 from raytrace_jax.images.pictures import is_jpeg, read_picture
 from raytrace_jax.images.png import write_png
+from raytrace_jax.inverse.build_problem import as_file_says
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.build_problem import as_file_says
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import write_derivatives, write_film
 from raytrace_jax.report.fit_report.summary import summarize

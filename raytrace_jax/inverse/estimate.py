@@ -12,12 +12,12 @@ from jaxtyping import Array
 from raytrace_jax.errors import PictureWarning
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.images.masks import mask_in_words
+from raytrace_jax.inverse.build_problem import FitSetup, build_problem
 from raytrace_jax.inverse.judge.changes import pixels_to_check
 from raytrace_jax.inverse.judge.model_check import check_model
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
-from raytrace_jax.inverse.observe.sampling import COARSE_SAMPLES, Sampling, cached_detection, supersampled
+from raytrace_jax.inverse.observe.sampling import COARSE_SAMPLES, SamplingKind, cached_detection, supersampled
 from raytrace_jax.inverse.options import FitOptions, Stage, changed_options
-from raytrace_jax.inverse.problem.build_problem import FitSetup, build_problem
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.solve.candidates import unseen_balls, with_open
@@ -157,7 +157,7 @@ def prepare_search(
 
 
 def prepare_refinement(
-    problem: Problem, first: LocalMinimum, options: FitOptions, detect: Callable[[Array], Sampling]
+    problem: Problem, first: LocalMinimum, options: FitOptions, detect: Callable[[Array], SamplingKind]
 ) -> None:
     """Compile what will solve the whole picture, while the search goes on to other minima."""
     if options.known_sampling == "auto":

@@ -8,15 +8,17 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from raytrace_jax.inverse.build_problem import FitSetup
 from raytrace_jax.inverse.judge.assumptions import Contradiction, ModelCheck, contradicted, looks_like, short_count
-from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
-from raytrace_jax.inverse.observe.noise import EVIDENCE, is_near
+from raytrace_jax.inverse.judge.structure import EVIDENCE, is_near
+from raytrace_jax.inverse.judge.uncertainty import Uncertainty, quantify_uncertainty
+from raytrace_jax.inverse.observe.sampling import samples_of
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.build_problem import FitSetup
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.result import PROFILE_95, FitHistory, FitPictures, FitResult, Minimum, Profile, Status
 from raytrace_jax.inverse.solve.steps import Recorder, bounds_reached
 from raytrace_jax.scene.parameters import resolve
+from raytrace_jax.util.numerics import MAD_TO_SIGMA
 from raytrace_jax.util.text import listed
 
 
@@ -31,7 +33,7 @@ def fit_status(
     runner_ups: tuple[Minimum, ...],
     max_steps: int,
     next_move: float = 0.0,
-    knows_samples: bool = False,
+    unknown: Sequence[str] = (),
     unseen: tuple[str, ...] = (),
 ) -> tuple[Status, str, str]:
     """The status of a fit that came to its end, why, and what to do.
@@ -42,6 +44,7 @@ def fit_status(
         excess: by how many standard errors chi-square is too large for the noise that was given; 0 if none was.
         next_move: length in standard errors of the step that would come next, if the last steps ended on their own; 0
             if the solver had used up its steps.
+        unknown: what a user can say of the observation that was not known.
         unseen: balls without which the picture explains the target as well.
     """
     # No answer: the picture is broken, or far from the target.
@@ -87,8 +90,7 @@ def fit_status(
             "not_converged",
             "the last steps, on the picture sampled as the target is, did not come to rest: the next one would be "
             f"{short_count(next_move)} standard errors long",
-            ("" if knows_samples else "say how the target was sampled with --target-samples, ")
-            + "fit a larger picture, or start nearer",
+            ", ".join([*unknown, "fit a larger picture, or start nearer"]),
         )
     if not settled:
         return (
@@ -227,9 +229,7 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
     else:
         uncertainty = findings.uncertainty or quantify_uncertainty(solution, options.sigma)
         loss = solution.stage.loss
-        y, edges, target_samples = solution.y, solution.stage.edges, solution.target_samples
-        if edges == "point":
-            target_samples = solution.problem.base.samples
+        y, edges, target_samples = solution.y, solution.stage.edges, samples_of(solution.problem)
         pictures = _pictures(problem, solution, findings.start_image)
 
     # The word for it.
@@ -242,7 +242,7 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
         status, message, advice = interrupted_status(stopped, is_known, has_moved, is_solved, settled)
     else:
         assert solution is not None
-        residual, counts = solution.residual, solution.counts
+        residual, counts = solution.residual, solution.observation.counts
         explained = is_near(residual, solution.weighted_target, counts)
         status, message, advice = fit_status(
             settled=settled,
@@ -255,7 +255,7 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
             runner_ups=history.runner_ups,
             max_steps=options.max_steps,
             next_move=solution.next_move,
-            knows_samples=(target_samples or options.target_samples) is not None,
+            unknown=[stage.advice for stage in solution.problem.stages if stage.advice],
         )
         otherwise = prior_contradictions(setup, solution, uncertainty, check) if settled else ()
         if otherwise:
@@ -345,5 +345,5 @@ def _pictures(problem: Problem, solution: FitState, start: np.ndarray | None) ->
         rms_residual=solution.rms_residual * problem.unit,
         typical_residual=MAD_TO_SIGMA * float(linearization.typical) * problem.unit,
         # A robust loss leaves out what it counts for less than a hundredth of the others.
-        left_out=int(np.sum(solution.counts & (weight.min(axis=0) < 0.01))),
+        left_out=int(np.sum(solution.observation.counts & (weight.min(axis=0) < 0.01))),
     )

@@ -24,6 +24,10 @@ TINY = 1e-300
 """A divisor in float64 is at least this, lest it is 0: far below all that is divided by, and above the least normal
 number, 2e-308."""
 
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of Gaussian noise over the median of its magnitude: 1 / 0.6745, the normal distribution's third
+quartile."""
+
 TINY_32 = 1e-30
 """A divisor in any dtype is at least this, also under a square root: the least normal number of float32 is 1e-38, and a
 footprint of the root, 1e-15 units, is below the rounding of every point."""

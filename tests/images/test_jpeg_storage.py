@@ -12,8 +12,8 @@ from test_camera_files import jpeg
 from raytrace_jax import PictureError, jpeg_storage, read_picture
 from raytrace_jax.images.exif import TURNS
 from raytrace_jax.images.transfer import decode_srgb
-from raytrace_jax.inverse.observe.noise import pair_scores
-from raytrace_jax.inverse.observe.sampling import storage_bias
+from raytrace_jax.inverse.judge.structure import pair_scores
+from raytrace_jax.inverse.observe.storing import Compression
 
 RANDOM = np.random.default_rng(4)
 PIXELS = RANDOM.integers(0, 256, (37, 53, 3)).astype(np.uint8)
@@ -75,7 +75,7 @@ def test_the_bias_of_a_jpeg_is_found_beside_noise(tmp_path):
     for seed in range(4):
         noise = np.random.default_rng(seed).normal(scale=0.006, size=picture.shape)
         target = storage.compress(storage.encode(picture + noise))
-        bias = storage_bias(linear_problem(picture[None], target), storage, picture)
+        bias = Compression(storage).apply(linear_problem(picture[None], target).observation, picture) - picture
         left.append([blur_of(target - picture), blur_of(target - picture - bias)])
     before, after = np.mean(left, axis=0)
     assert before > 5e-3 and abs(after) < 0.2 * before
@@ -93,7 +93,7 @@ def test_what_a_jpeg_makes_of_noise_goes_together_in_its_squares_and_no_farther(
     for seed in range(4):
         noise = np.random.default_rng(seed).normal(scale=0.006, size=picture.shape)
         target = storage.compress(storage.encode(picture + noise))
-        residual = target - picture - storage_bias(linear_problem(picture[None], target), storage, picture)
+        residual = target - Compression(storage).apply(linear_problem(picture[None], target).observation, picture)
         found.append((pair_scores(residual).far, pair_scores(residual, storage.unit).far))
     usual, own = np.array(found).T
     assert unit == 16 or np.min(usual) > 3, "the case is worth testing"

@@ -10,9 +10,11 @@ from posing import posed_problem
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
-from raytrace_jax.inverse.observe.resampled import resampled, settle
+from raytrace_jax.inverse.observe.resampled import resampled
+from raytrace_jax.inverse.observe.sampling import Sampling, sampled
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem.problem import FitState
+from raytrace_jax.inverse.solve.refine import settle
 from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.tracer import run
 from raytrace_jax.tracer.geometry.camera import picture_place
@@ -78,14 +80,14 @@ def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
     y = problem.array(problem.unknowns.unknowns(np.array([1.337, 0.5, 0.1])))
 
     before = np.abs(np.asarray(problem.linearize(y, AWARE).image - problem.observation.target))
-    after = np.abs(problem.residual(np.asarray(resampled(problem, y, AWARE, None, 1597).at(y).image)))
+    after = np.abs(problem.observation.residual(np.asarray(resampled(problem, y, AWARE, 1597).at(y).image)))
     assert before.max() > 5e-3 and before.mean() > 1e-4
     assert after.max() < 2e-3 and after.mean() < 0.25 * before.mean()
 
 
 def test_a_picture_whose_samples_agree_with_it_everywhere_has_no_bias():
     columns = np.random.default_rng(0).normal(size=(2, 3, 12, 16))
-    problem = linear_problem(columns, columns[0], start=np.array([0.99, 0.02]))
-    found = settle(problem, FitState.at(problem, problem.start(), AWARE), None, Recorder(problem, None, None, None))
+    problem = sampled(linear_problem(columns, columns[0], start=np.array([0.99, 0.02])), Sampling())
+    found = settle(problem, FitState.at(problem, problem.start(), AWARE), Recorder(problem, None, None, None))
     np.testing.assert_allclose(found.problem.observation.bias, 0, atol=1e-12)
     np.testing.assert_allclose(problem.values(found.y), [1, 0], atol=1e-12)

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from linear_fit import LinearModel, linear_names, linear_problem
+from linear_fit import PROGRAMS, linear_names, linear_problem
 from scipy import ndimage
 
 from raytrace_jax import fit, write_report
@@ -28,10 +28,10 @@ def calls(monkeypatch):
             made.append(function)
             return function(*arguments, **options)
 
-        return staticmethod(call)
+        return call
 
-    for name in ("differentiate", "points"):
-        monkeypatch.setattr(LinearModel, name, counted(getattr(LinearModel, name)))
+    for name, function in PROGRAMS.items():
+        monkeypatch.setitem(PROGRAMS, name, counted(function))
     return made
 
 
@@ -99,7 +99,7 @@ def test_stopped_after_the_whole_picture_it_keeps_the_solution(calls):
 @pytest.mark.parametrize("by_clock", [True, False])
 def test_stopped_in_the_check_of_the_model_it_says_that_this_is_missing(by_clock, calls, monkeypatch):
     """The time ends, or Ctrl-C comes, while the check renders; it renders nothing more."""
-    checking, rendered, points, stop = [], [], LinearModel.points, Recorder.check_clock
+    checking, rendered, points, stop = [], [], PROGRAMS["points"], Recorder.check_clock
 
     def end(recorder):
         if rendered and not recorder.is_stopped:
@@ -115,7 +115,7 @@ def test_stopped_in_the_check_of_the_model_it_says_that_this_is_missing(by_clock
         return points(scenes, *arguments)
 
     monkeypatch.setattr(Recorder, "check_clock", end)
-    monkeypatch.setattr(LinearModel, "points", staticmethod(watched))
+    monkeypatch.setitem(PROGRAMS, "points", watched)
     result, _ = stopped_fit(calls, phase=phase, max_seconds=100.0)
     assert len(rendered) == 1, "and nothing after it"
     reason = "stopped after 100 seconds" if by_clock else "interrupted by the user"
@@ -150,7 +150,7 @@ def test_what_cannot_be_interrupted_is_left_behind(by_clock, calls, monkeypatch)
         go_on.wait(20)
         raise AssertionError("nobody is left to see this")
 
-    monkeypatch.setattr(LinearModel, "points", staticmethod(compile_long))
+    monkeypatch.setitem(PROGRAMS, "points", compile_long)
     began = time.monotonic()
     try:
         result, _ = stopped_fit(calls, phase=phases.append, max_seconds=0.3 if by_clock else None)

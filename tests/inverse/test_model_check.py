@@ -16,15 +16,15 @@ from raytrace_jax import RenderSettings
 from raytrace_jax.inverse.judge.assumptions import Cause
 from raytrace_jax.inverse.judge.model_check import (
     SIGNIFICANT,
-    STORAGE_SLACK,
-    beyond_storage,
+    beyond,
     check_model,
     find_causes,
-    flip_step,
 )
+from raytrace_jax.inverse.judge.structure import pair_scores
 from raytrace_jax.inverse.judge.suspects import Rows, Suspects, fitted, suspected_changes
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
-from raytrace_jax.inverse.observe.noise import correlated_scatter, hidden_scatter, leverages, pair_scores
+from raytrace_jax.inverse.observe.noise import correlated_scatter, leverage_correction, leverages
+from raytrace_jax.inverse.observe.sampling import Sampling, sampled
 
 FREE = 2
 ANYWHERE = -np.inf, np.inf
@@ -37,7 +37,7 @@ def checked(target, stage=POINT, uncertain=None, **options):
     rest = (target - TRUTH[2] * COLUMNS[2]).reshape(-1)
     values = np.linalg.lstsq(ROWS, rest, rcond=None)[0]
     problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH, **options)
-    y = problem.array(problem.unknowns.unknowns(values))
+    y = problem.y_of(values)
     state = state_at(problem, y, stage)
     sure = quantify_uncertainty(state, None)
     found = check_model(state, sure.standard_error, uncertain or {})
@@ -228,8 +228,8 @@ def test_noise_of_edges_tells_nothing_of_what_storing_did_to_flat_areas():
         target = np.round((areas + extra) / step) * step
         problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH)
         residual = areas - target
-        shown = beyond_storage(problem, residual, np.ones_like(target), STORAGE_SLACK * step)
-        within = np.abs(residual) <= STORAGE_SLACK * step
+        shown = beyond(problem.observation, residual, np.ones_like(target), np.array(1.5 * step))
+        within = np.abs(residual) <= 1.5 * step
         np.testing.assert_array_equal(shown, residual if is_noisy else np.where(within, 0, residual))
 
 
@@ -239,10 +239,11 @@ def test_what_storing_its_samples_did_to_their_means_is_no_structure():
         target = picture(TRUTH) - steps / 65535 + 1e-7 * np.random.default_rng(7).normal(size=COLUMNS.shape[1:])
         problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH)
         state = state_at(problem)
-        of_grid = dataclasses.replace(state, target_samples=8)
-        # Means of samples that are on no grid which was told.
-        aware = dataclasses.replace(state, stage=dataclasses.replace(POINT, edges="aware"))
-        for one, expected in ((of_grid, is_structured), (aware, is_structured), (state, True)):
+        # The last two are means of samples, the latter on no grid that was told.
+        of_grid, of_any = (
+            dataclasses.replace(state, problem=sampled(problem, Sampling(samples))) for samples in (8, None)
+        )
+        for one, expected in ((of_grid, is_structured), (of_any, is_structured), (state, True)):
             assert check_model(one, np.ones(FREE), {}).is_structured == expected
 
 
@@ -283,11 +284,11 @@ def test_noise_of_all_channels_together_counts_as_one():
 @pytest.mark.parametrize(("flips", "samples", "may_be"), [(1.9, 8, True), (2.1, 8, False), (1.9, None, False)])
 def test_single_samples_at_edges_say_nothing_against_the_model(flips, samples, may_be):
     target = picture(TRUTH)
-    problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH)
+    observed = linear_problem(COLUMNS, target, free=FREE, start=TRUTH).observation
     evidence = np.zeros_like(target)
     evidence[1, 20, 30] = -flips * np.ptp(target) / 64
-    shown = beyond_storage(problem, evidence, np.ones_like(target), flip_step(problem, samples))
-    assert shown.any() != may_be
+    jump = np.array(Sampling(samples, np.zeros((FREE, FREE))).jump(observed))
+    assert beyond(observed, evidence, np.ones_like(target), jump).any() != may_be
 
 
 PIXELS = 30
@@ -316,7 +317,7 @@ def test_the_scatter_is_that_of_estimates_without_one_pixel_each(seed, largest):
     flat = columns.reshape(3, -1)
     inverse = np.linalg.inv((flat * weight.reshape(-1)) @ flat.T)
     pulls = np.sum(columns * score, axis=1)
-    jackknife = inverse @ (pulls @ pulls.T + hidden_scatter(columns, weight, score)) @ inverse
+    jackknife = inverse @ (pulls @ pulls.T + leverage_correction(columns, weight, score)) @ inverse
     # Leverages of less than a hundredth are passed over.
     np.testing.assert_allclose(jackknife, moved.T @ moved, rtol=0.03, atol=0.03 * np.max(moved.T @ moved))
     assert np.einsum("ccp->", leverages(columns * np.sqrt(weight))) == pytest.approx(3)
@@ -328,4 +329,4 @@ def test_a_pixel_that_decides_alone_leaves_no_error_infinite_or_nan():
     weight, score = np.ones((2, PIXELS)), np.full((2, PIXELS), 0.1)
     assert leverages(columns)[0, 0, 3] == pytest.approx(1, rel=0.05)
     score[:, 3] = 1e-17
-    assert np.all(np.isfinite(hidden_scatter(columns, weight, score)))
+    assert np.all(np.isfinite(leverage_correction(columns, weight, score)))

@@ -11,7 +11,7 @@ from linear_pictures import POINT, state_at
 
 from raytrace_jax import PictureError, PictureWarning
 from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
-from raytrace_jax.inverse.observe.noise import explains
+from raytrace_jax.inverse.judge.structure import explains
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.search import choose_levels, find_minima

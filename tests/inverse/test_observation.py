@@ -10,9 +10,9 @@ import pytest
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import FitOptions, ParameterError, PictureError, get_parameter, load_scene, set_parameters
-from raytrace_jax.inverse.problem.build_problem import asked_for
+from raytrace_jax.inverse.build_problem import asked_for
 from raytrace_jax.inverse.problem.fixed import root_covariance, stated_uncertainties
-from raytrace_jax.inverse.problem.forward import observe
+from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.unknowns import Transform, Unknowns, make_prior, make_unknowns, natural_scale, spelled
 from raytrace_jax.scene.parameters import with_film
 

@@ -6,11 +6,18 @@ from linear_pictures import state_at
 from posing import posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax.inverse.observe.noise import block_scatter
-from raytrace_jax.inverse.observe.resampled import ResampledPicture, settle
-from raytrace_jax.inverse.observe.sampling import LATTICES, detect_grid, lattice_offsets, point_sampled
+from raytrace_jax.inverse.judge.structure import block_scatter
+from raytrace_jax.inverse.observe.sampling import (
+    LATTICES,
+    Sampling,
+    detect_grid,
+    lattice_offsets,
+    point_sampled,
+    sampled,
+    samples_of,
+)
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem.forward import PredictedPicture
+from raytrace_jax.inverse.solve.refine import settle
 from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import pixel_colors, sample_offsets
@@ -39,11 +46,11 @@ def told(problem, target, off=0.0):
 def jittered(problem, count):
     """Means of random samples, others in every pixel."""
     random = np.random.default_rng(3)
-    column, row = problem.all_pixels()
+    column, row = problem.raster().places
     scene, total = map_scenes(lambda x: np.asarray(x)[None], problem.scene_at(problem.start())), 0.0
     for _ in range(count):
         right, down = random.uniform(-0.5, 0.5, (2, len(column)))
-        places = problem.picture_points(column + right, row + down)
+        places = problem.raster().points(column + right, row + down)
         total = total + pixel_colors(scene, places, SMALL)[0]
     return (total / count).reshape(3, 36, 48)
 
@@ -68,40 +75,12 @@ def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, 
     target = point_sampled(problem, problem.start(), samples).mean
     one, y = posed(target), problem.start() + 3e-4
     begun = state_at(one, y, AWARE)
-    found = settle(one, begun, samples, Recorder(one, None, None, None))
-    spread = float(np.sqrt(found.resolution[0, 0]))
-    assert found.settled and found.target_samples == samples
+    found = settle(sampled(one, Sampling(samples)), begun, Recorder(one, None, None, None))
+    left = found.problem.stages[0].confusion(1)[0, 0] + found.next_step[0] ** 2
+    spread = float(np.sqrt(left))
+    assert found.settled and samples_of(found.problem) == samples
     assert abs(float(found.y[0] - problem.start()[0])) < 0.6 * spread < 0.01 / samples**2
     assert np.mean(np.abs(found.residual) > 1e-4) < 2e-3  # A sample or two that are on the other side of an edge.
-
-
-@pytest.mark.parametrize(("slope", "along"), [(0.0, 1.0), (0.001, 0.7), (0.3, 0.0)])
-def test_edges_along_the_grid_do_not_lead(problem, slope, along):
-    """A half plane beside an upright line, and beside one that leans."""
-    samples = 8
-    place = (np.arange(48 * samples) + 0.5) / samples
-    right, down = np.meshgrid(place, place[: 36 * samples])
-    inside = (right - 20.3 > slope * (down - 18)).astype(float).reshape(36, samples, 48, samples)
-    mean, variance = inside.mean((1, 3)), inside.var((1, 3))
-    row, column = np.nonzero(variance)
-    grid = ResampledPicture(
-        problem,
-        samples,
-        sample_offsets(samples),
-        np.asarray(problem.start()),
-        PredictedPicture(
-            problem.array(np.stack(3 * [mean])), problem.array(np.zeros((len(problem.start()), 3, 36, 48)))
-        ),
-        np.zeros((1, 3, 36, 48)),
-        row,
-        column,
-        np.stack(3 * [variance[row, column]]),
-    )
-    share = np.mean(grid.is_along)
-    assert share == along or (0 < along < 1 and share > along)
-    root = np.asarray(grid.leading.observation.root_weight)
-    np.testing.assert_array_equal(root[row, column] < 0.01, grid.is_along)
-    assert np.sum(root > 0.9) == root.size - np.sum(grid.is_along)
 
 
 @pytest.mark.parametrize("size", LATTICES)

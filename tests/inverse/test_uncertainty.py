@@ -26,7 +26,7 @@ from linear_pictures import (
 )
 
 from raytrace_jax.inverse.judge.uncertainty import direction_in_words, noise_level, quantify_uncertainty
-from raytrace_jax.inverse.observe.noise import storage_scatter
+from raytrace_jax.inverse.observe.storing import rounding_scatter
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem.linearize import LOSSES
 from raytrace_jax.inverse.problem.unknowns import Transform
@@ -114,7 +114,7 @@ def test_equal_colours_that_are_stored_alike_make_the_error_that_is_told(noise):
         target = np.rint(255 * picture + noise * random.normal(size=picture.shape)) / 255
         pulls.append(np.sum(columns * (picture - target), axis=(1, 2, 3)))
         alone = (columns * (picture - target)).reshape(2, -1)
-        told.append(alone @ alone.T + storage_scatter(columns, np.ones_like(picture), picture, target))
+        told.append(alone @ alone.T + rounding_scatter(columns, np.ones_like(picture), picture, target))
     scatter, expected = np.sqrt(np.mean(np.square(pulls), axis=0)), np.sqrt(np.diag(np.mean(told, axis=0)))
     np.testing.assert_allclose(expected, scatter, rtol=0.1)
     white = np.sqrt(np.sum(columns**2, axis=(1, 2, 3)) / 12) / 255
@@ -204,7 +204,7 @@ def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
     columns, found = COLUMNS, []
     for transforms in (None, [Transform(), Transform("between"), Transform("above", 1.0)]):
         problem = linear_problem(columns, picture(values) + white(), transforms=transforms, priors={C: (1.2, 1e-3)})
-        y = problem.array(problem.unknowns.unknowns(values))
+        y = problem.y_of(values)
         stage = Stage("point", noise=SIGMA)
         found.append(quantify_uncertainty(state_at(problem, y, stage), SIGMA))
     for one, other in zip(*map(vars, found), strict=True):

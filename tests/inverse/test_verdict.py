@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, Contradiction, ModelCheck, dependences
+from raytrace_jax.inverse.judge.structure import PairScores, is_explained, vuong_evidence
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.observe.noise import PairScores, is_explained, vuong_evidence
+from raytrace_jax.inverse.observe.sampling import Sampling
 from raytrace_jax.inverse.result import Minimum, Profile
 from raytrace_jax.inverse.status import (
     bounds_in_words,
@@ -188,13 +189,13 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
         ({"explained": False}, "not_converged", "residual shows structure", "look at the residual"),
         ({"settled": False}, "not_converged", "still moving after 7 steps", "--max-steps"),
         (
-            {"settled": False, "next_move": 3.14},
+            {"settled": False, "next_move": 3.14, "unknown": [Sampling().advice]},
             "not_converged",
             "did not come to rest: the next one would be 3.1 standard errors long",
             "--target-samples",
         ),
         (
-            {"settled": False, "next_move": 3.14, "knows_samples": True},
+            {"settled": False, "next_move": 3.14},
             "not_converged",
             "did not come to rest",
             "fit a larger picture",

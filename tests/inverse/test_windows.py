@@ -32,7 +32,7 @@ def test_a_large_pixel_lies_in_the_middle_of_those_it_stands_for(
 ):
     window = None if crop is None else tuple(number // base_binning for number in crop)
     problem = posed(dataclasses.replace(WHOLE, binning=base_binning, mapping=mapping, crop=window))
-    own, large = problem.pixels(), problem.pixels(binning)
+    own, large = problem.raster().pixels, problem.raster(binning).pixels
     of_target = own.points.reshape(2, *problem.binned(1).root_weight.shape)
     np.testing.assert_allclose(large.points.reshape(2, -1), bin_pixels(of_target, binning).reshape(2, -1), atol=1e-12)
     np.testing.assert_allclose(large.step, binning * own.step)
@@ -43,6 +43,6 @@ def test_the_film_darkens_larger_pixels_of_a_window_as_it_does_their_own():
     problem = posed(dataclasses.replace(WHOLE, crop=CROP))
     light = np.ones((3, 20, 24))
     film = parse_scene(f"film f {{ vignetting 0.4 }} {CAMERA}").film
-    own = np.asarray(develop(light, film, problem.frame()))
-    large = np.asarray(develop(bin_pixels(light, 4), film, problem.frame(4)))
+    own = np.asarray(develop(light, film, problem.raster().frame))
+    large = np.asarray(develop(bin_pixels(light, 4), film, problem.raster(4).frame))
     np.testing.assert_allclose(large, bin_pixels(own, 4), atol=1e-3)

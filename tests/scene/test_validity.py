@@ -9,7 +9,7 @@ from scenes import resolved
 
 from raytrace_jax import PictureWarning, SceneError, load_scene, make_renderer, parse_scene, picture_derivatives, render
 from raytrace_jax.cli.preparation import read_picture_scene
-from raytrace_jax.inverse.problem.forward import observe
+from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.scene.checks import check_values, scene_warnings
 
 SMALL = resolved(size=(4, 3))

@@ -22,10 +22,10 @@ from raytrace_jax.images.masks import clipped_pixels, read_mask
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_picture, states_colours
 from raytrace_jax.images.transfer import DECODERS, ENCODERS
+from raytrace_jax.inverse.build_problem import as_file_says, asked_for, build_problem
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.observe.sampling import supersampled
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.build_problem import as_file_says, asked_for, build_problem
 from raytrace_jax.inverse.result import FitStep
 from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
@@ -139,7 +139,7 @@ def read_colours(
     # Beside, as a fit is: Ctrl-C need not wait for what is compiled here.
     image = run_beside(lambda: supersampled(problem, problem.start(), settings.samples), lambda: None, lambda: None)
     counts = np.asarray(problem.observation.root_weight) > 0
-    off = stored_differences(image[:, counts], target[:, counts], bool(problem.linear_indices))
+    off = stored_differences(image[:, counts], target[:, counts], bool(problem.camera.linear_indices))
     nearest = min(off, key=lambda transfer: off[transfer])
     # The course's transfer holds unless another one is clearly nearer.
     is_clear = off[nearest] < 0.7 * off["course"]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.observe.noise import PairScores
+from raytrace_jax.inverse.judge.structure import PairScores
 from raytrace_jax.util.digits import with_error
 from raytrace_jax.util.text import listed
 

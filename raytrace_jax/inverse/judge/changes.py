@@ -10,12 +10,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import ndimage
 
-from raytrace_jax.images.jpeg import LARGEST_UNIT
-from raytrace_jax.inverse.observe.noise import square_sums
+from raytrace_jax.inverse.judge.structure import square_sums
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem.fixed import FixedNumbers, inward_steps, moved_together
-from raytrace_jax.inverse.problem.forward import PredictedPicture
 from raytrace_jax.inverse.problem.linearize import Linearization
+from raytrace_jax.inverse.problem.prediction import PredictedPicture
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import Image, Mask, Vector
 from raytrace_jax.scene.scene import Scene, map_scenes
@@ -123,7 +122,7 @@ class SampledPicture:
     @functools.cached_property
     def radiance(self) -> Image | None:
         """The whole picture before the film, where the scene has a film."""
-        if not self.problem.development.is_needed:
+        if not self.problem.camera.is_needed:
             return None
         return np.asarray(self.problem.radiance(self.y, self.edges).image, np.float64)
 
@@ -151,7 +150,8 @@ class SampledPicture:
         """The arguments of the model's `points` but for the scenes."""
         step = None if self.edges == "point" else pixel_step(self.problem.scene.camera, self.problem.base)
         right, down = self.offset
-        return self.problem.picture_points(self.sample.column + right, self.sample.row + down), self.problem.base, step
+        points = self.problem.raster().points(self.sample.column + right, self.sample.row + down)
+        return points, self.problem.base, step
 
     def points(self, offset: tuple[float, float] = (0.0, 0.0), by: int = 1) -> "SampledPicture":
         """These pixels, or one in `by` of them, each seen at one point."""
@@ -181,7 +181,7 @@ class SampledPicture:
         # A silhouette that moves across 4000 pixels changes one by 4000 times its light for a change of a number by its
         # own size: a pixel that changes by more has jumped.
         slope = change / step[:, None, None]
-        slope = np.where(np.abs(slope) * size[:, None, None] <= 1e4 * self.problem.light_unit, slope, 0.0)
+        slope = np.where(np.abs(slope) * size[:, None, None] <= 1e4 * self.problem.observation.light_unit, slope, 0.0)
         if self.radiance is None:
             return slope * self.root_weight
         # The film develops whole pictures of changes, each 15 MB at 640 x 480: a few at once.
@@ -190,16 +190,21 @@ class SampledPicture:
             some = slope[first : first + at_once]
             image = np.zeros((len(some), *self.radiance.shape))
             image[:, :, self.sample.row, self.sample.column] = some
-            values, frame = self.problem.values(self.y), self.problem.frame()
-            developed = self.problem.development.changes(self.radiance, image, values, frame)
+            values, frame = self.problem.values(self.y), self.problem.raster().frame
+            developed = self.problem.camera.changes(self.radiance, image, values, frame)
             found[first : first + at_once] = self.judged.of(developed)
         return found * self.root_weight
+
+
+def extent_of(problem: Problem) -> int:
+    """Side in pixels of the squares in which neighbours err together, by what stages say of themselves."""
+    return max((stage.extent for stage in problem.stages), default=1)
 
 
 def margin_at(problem: Problem, y: Vector) -> int:
     """Pixels around one that must be known for its developed colour."""
     # Beyond 8 pixels the tails of a point-spread function are left out.
-    return min(math.ceil(problem.film_reach(y)), 8)
+    return min(math.ceil(problem.camera.reach(problem.values(y))), 8)
 
 
 def pixels_to_check(
@@ -220,8 +225,7 @@ def pixels_to_check(
         jacobian = np.asarray(linearization.pixel_jacobian, np.float64) / np.maximum(length, TINY)[:, None, None, None]
         decides = np.sqrt(np.sum(jacobian**2, axis=(0, 1)))
     margin = margin_at(problem, y)
-    # A JPEG keeps and drops patterns of 8 x 8 pixels, of colours often of 16 x 16.
-    together = SIDE if problem.storage is None else LARGEST_UNIT
+    together = extent_of(problem)
     if not margin:
         return SampledPicture(problem, y, draw_sample(counts, decides, most, together, together), stage.edges)
     # The film mixes pixels: those in the midst of larger squares are judged, and all around them are looked at.
@@ -247,7 +251,7 @@ def parameter_changes(pixels: SampledPicture) -> Float[np.ndarray, "parameters 3
         still = PredictedPicture(
             problem.array(pixels.radiance), problem.array(np.zeros((count, *pixels.radiance.shape)))
         )
-        jacobian = problem.development.picture(still, pixels.y, problem.frame()).jacobian
+        jacobian = problem.camera.picture(still, pixels.y, problem.raster().frame).jacobian
         of_film = np.setdiff1d(np.arange(len(values)), places)
         slope = problem.slopes(pixels.y)[of_film, None, None]
         found[of_film] = pixels.judged.of(np.asarray(jacobian, np.float64)[of_film]) / slope * pixels.root_weight

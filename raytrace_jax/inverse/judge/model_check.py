@@ -1,15 +1,23 @@
 """The check of the model: fixed numbers that the answer rests on, and causes of a residual that is not noise."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping
 
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from raytrace_jax.images.transfer import rounding_of
 from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
-from raytrace_jax.inverse.judge.changes import PixelSample, flat, number_changes, parameter_changes, pixels_to_check
+from raytrace_jax.inverse.judge.changes import (
+    PixelSample,
+    extent_of,
+    flat,
+    number_changes,
+    parameter_changes,
+    pixels_to_check,
+)
+from raytrace_jax.inverse.judge.structure import PairScores, block_scatter, pair_scores
 from raytrace_jax.inverse.judge.suspects import (
     Rows,
     Suspects,
@@ -21,18 +29,15 @@ from raytrace_jax.inverse.judge.suspects import (
     suspected_changes,
 )
 from raytrace_jax.inverse.judge.uncertainty import RANK_ROUNDINGS
-from raytrace_jax.inverse.observe.noise import PairScores, block_scatter, pair_scores
 from raytrace_jax.inverse.problem.fixed import FixedNumbers, fixed_numbers, root_covariance
-from raytrace_jax.inverse.problem.problem import FitState, Problem
+from raytrace_jax.inverse.problem.observation import Observation
+from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.problem.unknowns import Covariance, Image, Values
 
 SIGNIFICANT = 4.5
 """Standard score from which on a change explains a residual. Of 114 changes the largest score of noise alone, white,
 unequal, heavy-tailed or of all channels together, was 4.0 in 840 draws, on pictures of 160 x 120 and of 40 x 30; of
 noise correlated over a pixel 4.8 in 200, more than 4.5 in one of them."""
-
-STORAGE_SLACK = 1.5
-"""Steps of storing within which a residual is put down to it: the picture has roundings of its own."""
 
 
 def check_model(
@@ -53,9 +58,9 @@ def check_model(
         uncertain: standard deviation by canonical name of a fixed number.
         check_clock: called before each few scenes are rendered; what it raises ends the check.
     """
-    problem, y, linearization, stage = state.problem, state.y, state.linearization, state.stage
+    problem, y, linearization = state.problem, state.y, state.linearization
     # How the picture changes with the free parameters, the scene's fixed numbers, and the film's stated ones.
-    pixels = dataclasses.replace(pixels_to_check(problem, y, stage, linearization), check_clock=check_clock)
+    pixels = dataclasses.replace(pixels_to_check(problem, y, state.stage, linearization), check_clock=check_clock)
     light = np.asarray(linearization.image if pixels.radiance is None else pixels.radiance, np.float64)
     light = light + np.asarray(problem.observation.bias, np.float64)
     numbers = fixed_numbers(problem, uncertain)
@@ -65,18 +70,12 @@ def check_model(
     by_number = np.concatenate([by_number, film_rows(of_film, pixels)])
     numbers = numbers.followed_by([c.name for c in of_film], [c.value for c in of_film])
 
-    # What of the residual is evidence: more than storing the target explains.
-    residual = np.asarray(state.residual, np.float64)
-    weight = state.under_loss("weight")
-    # Without a grid that was told an edge-aware stage takes the pixels for means of whatever samples.
-    is_mean = (state.target_samples or 1) > 1 or (stage.edges == "aware" and state.target_samples is None)
-    target = np.asarray(problem.observation.target, np.float64)
-    rounding = rounding_of(target)
-    # A renderer is taken to have stored the samples in 16 bits, white being a power of two.
-    of_samples = 2.0 ** np.ceil(np.log2(np.max(target))) / 65535 if is_mean and np.max(target) > 0 else 0.0
-    evidence = beyond_storage(problem, residual, weight, STORAGE_SLACK * np.maximum(rounding, of_samples))
+    # The residual beyond what the stages of the observation make by themselves is evidence.
+    residual, weight = np.asarray(state.residual, np.float64), state.under_loss("weight")
+    bound = functools.reduce(np.maximum, (one.bound(problem.observation) for one in problem.stages), np.zeros(()))
+    evidence = beyond(problem.observation, residual, weight, bound)
     rows = rows_of(pixels.judged, residual, evidence, weight)
-    step = pixels.judged.of(weighted(problem, np.maximum(2 * rounding, of_samples))).reshape(-1)
+    step = pixels.judged.of(np.broadcast_to(weighted(problem.observation, bound), residual.shape)).reshape(-1)
 
     # How far the estimate moves with each fixed number, and with those that are stated to be uncertain.
     sensitivity = -fitted(free, by_number, rows.weight)
@@ -96,7 +95,7 @@ def check_model(
         judged, rest = pixels.judged, np.zeros(weight.shape)
         pulls = orthogonal_to(granted, rows.evidence[None], rows.weight)[0] * rows.weight * np.tile(judged.chance, 3)
         rest[:, judged.row, judged.column] = pulls.reshape(3, -1)
-    pairs = pair_scores(rest) if problem.storage is None else pair_scores(rest, problem.storage.unit)
+    pairs = pair_scores(rest, extent_of(problem))
     causes, structure = find_causes(rows, free, granted, suspects.without(is_stated), standard_error, step)
 
     # Errors that go together over many pixels count in the error, also without a cause.
@@ -107,8 +106,8 @@ def check_model(
         scatter = block_scatter(jacobian / np.where(slope, slope, 1.0)[:, None, None, None], weight, residual)
         structure = structure + scatter
         moves = largest_shift(np.sqrt(np.diagonal(scatter))[:, None], standard_error)[0] > 1
-        flips = flip_step(problem, state.target_samples)
-        far_matters = bool(moves or beyond_storage(problem, evidence, weight, flips).any())
+        jump = np.array(max((one.jump(problem.observation) for one in problem.stages), default=0.0))
+        far_matters = bool(moves or beyond(problem.observation, evidence, weight, jump).any())
     return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure, far_matters)
 
 
@@ -119,43 +118,34 @@ def rows_of(sample: PixelSample, residual, evidence, weight: Image) -> Rows:
     return Rows(flat_residual, flat_evidence, counted.reshape(-1), np.tile(sample.square, 3))
 
 
-def beyond_storage(problem: Problem, residual: Image, weight: Image, step: Image | float) -> Image:
-    """The residuals, but 0 where storing the target, or the roundings of the fit's precision, may have made them.
+def beyond(observation: Observation, residual: Image, weight: Image, bound: np.ndarray) -> Image:
+    """The residuals, but 0 where a bound of them, or the roundings of the fit's precision, may have made them.
 
     Storing rounds equal colours equally, over whole areas, and that is not noise. Where nearly all residuals of flat
-    areas are within the step of storing there is no noise beside it, and only what is beyond the step is evidence.
-    Elsewhere all are. At edges random samples make noise of their own, which tells nothing of the flat areas.
+    areas are within the bound there is no noise beside it, and only what is beyond is evidence. Elsewhere all are. At
+    edges random samples make noise of their own, which tells nothing of the flat areas.
 
     Args:
-        step: how far storing may have moved each of the target's numbers. If samples were stored and then averaged, the
-            target's own numbers do not show it.
+        bound: of each of the target's numbers, in its own unit.
     """
-    observed = problem.observation
-    target, counts = np.asarray(observed.target), np.asarray(observed.root_weight) > 0
-    within = np.abs(residual) <= weighted(problem, step)
+    target, counts = np.asarray(observation.target), observation.counts
+    within = np.abs(residual) <= weighted(observation, bound)
     values = np.asarray(target, np.float64)
     neighbours = (1, 3, 3)
     span = ndimage.maximum_filter(values, neighbours) - ndimage.minimum_filter(values, neighbours)
-    is_flat = counts & (span <= 4.0 * np.asarray(step))
+    is_flat = counts & (span <= 4.0 * bound)
     judged = is_flat if np.mean(is_flat) > 0.05 else np.broadcast_to(counts, is_flat.shape)
-    # Of noise as large as the step three quarters are within it, of half of that all.
-    beyond = np.where(within, 0.0, residual) if np.mean(within[judged]) > 0.9 else residual
-    rounding = RANK_ROUNDINGS * float(np.finfo(target.dtype).eps) * float(np.max(weighted(problem, np.abs(target))))
-    return beyond if np.sqrt(np.mean((weight * beyond) ** 2)) >= rounding else np.zeros_like(beyond)
+    # Of noise as large as the bound three quarters are within it, of half of that all.
+    outside = np.where(within, 0.0, residual) if np.mean(within[judged]) > 0.9 else residual
+    rounding = RANK_ROUNDINGS * float(np.finfo(target.dtype).eps) * float(np.max(weighted(observation, np.abs(target))))
+    return outside if np.sqrt(np.mean((weight * outside) ** 2)) >= rounding else np.zeros_like(outside)
 
 
-def flip_step(problem: Problem, target_samples: int | None) -> float:
-    """The change of a number by a few samples of a known grid beyond an edge; 0 without a grid."""
-    target = np.asarray(problem.observation.target, np.float64)
-    # Two: of a board, 320 x 240 with 8 x 8 samples, at a place right to 1.5e-8, less than one does.
-    return 2 * np.ptp(target) / target_samples**2 if target_samples else 0.0
-
-
-def weighted(problem: Problem, step: Image | float) -> Float[np.ndarray, "*shape"]:
-    """Steps of the target's numbers in the unit of its weighted residual; where the weight is 0, so is the step."""
+def weighted(observation: Observation, size: np.ndarray) -> np.ndarray:
+    """Sizes in the target's unit in that of its weighted residual; 0 where the weight is 0."""
     # A clamped number's step has no end: it must not meet a weight of 0.
-    root = np.asarray(problem.observation.root_weight, np.float64)
-    return np.where(root > 0, step, 0.0) * root
+    root = np.asarray(observation.root_weight, np.float64)
+    return np.where(root > 0, size, 0.0) * root
 
 
 def largest_shift(shifts: Float[np.ndarray, "parameters changes"], standard_error) -> Float[np.ndarray, " changes"]:
@@ -188,8 +178,8 @@ def find_causes(
     Several changes may explain it about as well. The best one is named, and the one that would move the estimate
     furthest counts in the error. Of a change of which the free parameters leave little the residual may seem to have
     many times what can be: it counts as far as its reach, if that explains half as much, and else not. A change that no
-    row shows by more than the `step` with which it was stored may be storage as well, since equal colours are rounded
-    alike over whole areas: it counts in the error and is no cause.
+    row shows by more than the `step` that the stages make may be theirs as well, since equal colours are rounded alike
+    over whole areas: it counts in the error and is no cause.
 
     Returns:
         The causes, the best explanation first; and what they do to the estimate, as a covariance.

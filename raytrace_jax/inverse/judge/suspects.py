@@ -242,7 +242,7 @@ def developed(problem: Problem, light: Image, film: CameraResponse) -> Image:
     active = dataclasses.replace(
         active, **{e.name: problem.array(v) for e in FILM_EFFECTS if (v := getattr(active, e.name)) is not None}
     )
-    return np.asarray(develop_compiled(problem.array(light), active, problem.frame()), np.float64)
+    return np.asarray(develop_compiled(problem.array(light), active, problem.raster().frame), np.float64)
 
 
 @dataclasses.dataclass(frozen=True)

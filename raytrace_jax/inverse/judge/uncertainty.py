@@ -6,11 +6,10 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.observe.noise import correlated_scatter, hidden_scatter, storage_scatter
-from raytrace_jax.inverse.problem.linearize import outer
 from raytrace_jax.inverse.problem.problem import FitState
+from raytrace_jax.inverse.problem.stages import Scores
 from raytrace_jax.inverse.problem.unknowns import Covariance, Values
-from raytrace_jax.util.numerics import TINY
+from raytrace_jax.util.numerics import MAD_TO_SIGMA, TINY
 
 RANK_TOLERANCE = 1e-9
 """A direction along which the picture changes this much less than along the strongest one is not determined."""
@@ -34,10 +33,6 @@ transparency passes for determined (experiments/tuning)."""
 SHARE_WORTH_NAMING = 0.05
 """Parameters with less than this fraction of the weakest combination, which change its length by a thousandth, are not
 named in it."""
-
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of Gaussian noise over the median of its magnitude: 1 / 0.6745, the normal distribution's third
-quartile."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,17 +105,15 @@ def noise_level(state: FitState) -> float:
 def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
     """Covariance, bounds and degeneracies at an unblurred optimum.
 
-    At the optimum the pulls `g = sum of rho'(r) J` add up to 0. Noise moves them by a dg of covariance M, and the
+    At the optimum the scores add up to 0, `g = sum J^T rho'(r) = 0`. Noise moves them by a dg of covariance M, and the
     estimate follows by `-H^-1 dg`, H being the loss's second derivative without that of the picture. So the covariance
-    is the sandwich `H^-1 M H^-1` (Huber 1967; White 1980), which holds whatever the noise's distribution. M sums up the
-    squares of the pixels' pulls, whose channels share their samples, what pixels of high leverage hide of theirs, their
-    correlation over a few pixels where there is one, and that of equal colours, which are stored with equal errors. If
-    sigma is larger than the noise that the residuals show, the missing noise is added: no error is below the bound. H
-    and M are taken in the directions in which the Jacobian's triangle R is the identity, since an inverse of `J^T J`
-    would square the condition number.
+    is the sandwich `H^-1 M H^-1` (Huber 1967; White 1980), which holds whatever the noise's distribution. M is the sum
+    of what the stages of the observation add to it. If sigma is larger than the noise that the residuals show, the
+    missing noise is added: no error is below the bound. H and M are taken in the directions in which the Jacobian's
+    triangle R is the identity, since an inverse of `J^T J` would square the condition number.
 
-    The covariance of unknowns that the picture or the solver does not tell apart although the derivative does, the
-    state's `resolution`, is added to the estimate's. Where sums of squares are beyond the dtype nothing is known, and
+    The covariance of unknowns that a stage or the solver does not tell apart although the derivative does is added to
+    the estimate's. Where sums of squares are beyond the dtype nothing is known, and
     the errors are NaN.
     """
     sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
@@ -164,33 +157,28 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:
         bread = np.eye(len(bread))
 
-    # M: how hard the residuals pull, each on its own and together with its neighbours.
-    jacobian = np.asarray(linearization.pixel_jacobian, np.float64)
-    weight, score = state.under_loss("weight"), state.under_loss("score")
-    score_covariance = np.asarray(linearization.pixel_scatter, np.float64) + hidden_scatter(
-        jacobian.reshape(len(names), 3, -1), weight.reshape(3, -1), score.reshape(3, -1)
+    # M, in the same directions: the noise of the priors, and what each stage of the observation adds.
+    scores = Scores(
+        jacobian=np.tensordot((unit[:, None] * whiten).T, np.asarray(linearization.pixel_jacobian, np.float64), 1),
+        weight=state.under_loss("weight"),
+        score=state.under_loss("score"),
+        scatter=whiten.T @ by_value(linearization.pixel_scatter) @ whiten,
+        matters=np.asarray(linearization.matters),
+        picture=np.asarray(linearization.image, np.float64) + np.asarray(problem.observation.bias, np.float64),
+        observation=problem.observation,
+        unseen=max(used**2 - seen**2, 0.0),
     )
-    neighbour_covariance = correlated_scatter(jacobian, score, np.asarray(linearization.matters))
-    # Correlations may take away three quarters of a variance, as after sharpening. Where they take more in a direction,
-    # as if pooled from a few residuals that decide, they are not known and do not count.
-    remaining = whiten.T @ by_value((1 - 0.75) * score_covariance + neighbour_covariance) @ whiten
-    is_known = not len(remaining) or np.linalg.eigvalsh(remaining)[0] >= 0
-    meat = score_covariance + neighbour_covariance if is_known else score_covariance
-    if used > seen:  # Noise that was stated counts, also where the residual does not show it.
-        meat = meat + (used**2 - seen**2) * outer((jacobian * weight).reshape(len(names), -1))
-    scatter = whiten.T @ (by_value(meat) + fixed * stage.noise**2) @ whiten
-    # Equal colours are stored with equal errors. Where that takes pulls away it does not count.
-    observed = problem.observation
-    target, bias = np.asarray(observed.target, np.float64), np.asarray(observed.bias, np.float64)
-    picture, root = np.asarray(linearization.image, np.float64) + bias, np.asarray(observed.root_weight, np.float64)
-    stored = whiten.T @ by_value(storage_scatter(jacobian, weight * root, picture, target)) @ whiten
-    added, axes = np.linalg.eigh(stored)
-    scatter += (axes * np.maximum(added, 0)) @ axes.T
+    meat = whiten.T @ (fixed * stage.noise**2) @ whiten
+    meat += sum(one.score_covariance(scores) for one in problem.stages if len(meat))
 
     # The sandwich. A fit without noise is off by a hundred roundings of a natural scale: no error is less.
     half = np.linalg.solve(bread, whiten.T).T
-    covariance = half @ scatter @ half.T + (1e2 * rounding) ** 2 * np.eye(len(names))
-    resolution = np.zeros_like(covariance) if state.resolution is None else state.resolution / np.outer(unit, unit)
+    covariance = half @ meat @ half.T + (1e2 * rounding) ** 2 * np.eye(len(names))
+    # What the solver and the stages do not tell apart, although the derivative does.
+    left = sum((one.confusion(len(names)) for one in problem.stages), np.zeros_like(covariance))
+    if state.next_step is not None:
+        left = left + np.outer(state.next_step, state.next_step)
+    resolution = left / np.outer(unit, unit)
     covariance += resolution
 
     # What no estimate can beat, and how well the noise explains what is left.

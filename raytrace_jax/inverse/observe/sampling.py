@@ -1,5 +1,6 @@
-"""Samples within pixels: the bias of an edge-aware picture, and detection of a target's sampling."""
+"""The sampling of pixels: points, means of regular grids, means over areas; and how to tell which a target has."""
 
+import dataclasses
 import threading
 from collections.abc import Callable
 from typing import Literal, NamedTuple
@@ -8,12 +9,67 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA
+from raytrace_jax.inverse.observe.noise import Noise
+from raytrace_jax.inverse.observe.storing import Compression, Rounding
+from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.unknowns import AnyArray, Image, Mask, Vector
+from raytrace_jax.inverse.problem.stages import ObservationStage
+from raytrace_jax.inverse.problem.unknowns import AnyArray, Covariance, Image, Vector
 from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.pixels import sample_offsets
+
+
+@dataclasses.dataclass(frozen=True)
+class Sampling(ObservationStage):
+    """The samples of which each pixel of a target is the mean.
+
+    Args:
+        samples: how many a side a regular grid has; None for the mean over the pixel, or samples that are not known.
+        confused: covariance of unknowns whose pictures of these samples are the same, where that was found out.
+    """
+
+    samples: int | None = None
+    confused: Covariance | None = None
+
+    @property
+    def advice(self) -> str:
+        """What a user may know of the samples."""
+        return "say how the target was sampled with --target-samples" if self.samples is None else ""
+
+    def confusion(self, count: int) -> Covariance:
+        """That of places between which no sample passes an edge."""
+        return super().confusion(count) if self.confused is None else self.confused
+
+    def bound(self, observation: Observation) -> Float[np.ndarray, ""]:
+        """A step and a half of 16 bits, white being a power of two: renderers store the samples before their mean."""
+        most = float(np.max(np.asarray(observation.target, np.float64)))
+        is_mean = self.samples != 1 and most > 0
+        return np.array(1.5 * 2.0 ** np.ceil(np.log2(most)) / 65535 if is_mean else 0.0)
+
+    def jump(self, observation: Observation) -> float:
+        """The change of a number by a few samples beyond an edge, of a grid whose steps have come to their end."""
+        if self.samples is None or self.confused is None:
+            return 0.0
+        # Two: of a board, 320 x 240 with 8 x 8 samples, at a place right to 1.5e-8, less than one does.
+        return 2 * float(np.ptp(np.asarray(observation.target, np.float64))) / self.samples**2
+
+
+def stages_of(samples: int | None, storage: JpegStorage | None = None) -> tuple[ObservationStage, ...]:
+    """The stages of a target by what is known of them."""
+    compressed = () if storage is None else (Compression(storage),)
+    return (Sampling(samples), *compressed, Rounding(), Noise())
+
+
+def sampled(problem: Problem, sampling: Sampling) -> Problem:
+    """The problem of a target that was sampled so."""
+    stages = (sampling if isinstance(stage, Sampling) else stage for stage in problem.stages)
+    return dataclasses.replace(problem, stages=tuple(stages))
+
+
+def samples_of(problem: Problem) -> int | None:
+    """The samples a side of the target's pixels, where they are known."""
+    return next((stage.samples for stage in problem.stages if isinstance(stage, Sampling)), None)
 
 
 class Moments(NamedTuple):
@@ -25,12 +81,12 @@ class Moments(NamedTuple):
 
 def supersampled(problem: Problem, y: Vector, samples: int) -> Image:
     """The picture at `y` with so many point samples a pixel and side."""
-    return developed(problem, y, point_sampled(problem, y, samples).mean)
+    return problem.camera.image(point_sampled(problem, y, samples).mean, problem.values(y), problem.raster().frame)
 
 
 def point_sampled(problem: Problem, y: Vector, samples: int) -> Moments:
     """Mean and variance of so many point samples a pixel and side, of all of the target's pixels."""
-    moments = pixel_moments(problem, problem.scene_at(y), *problem.all_pixels(), sample_offsets(samples))
+    moments = pixel_moments(problem, problem.scene_at(y), *problem.raster().places, sample_offsets(samples))
     return Moments(*(part.reshape(problem.observation.target.shape) for part in moments))
 
 
@@ -47,7 +103,7 @@ def pixel_moments(
     # Some at a time, so that columns and rows take at most 16 MB.
     for some in np.array_split(offsets, max(1, offsets.size * len(column) // 1_000_000)):
         right, down = some.T[:, :, None]
-        points = problem.picture_points((column + right).reshape(-1), (row + down).reshape(-1))
+        points = problem.raster().points((column + right).reshape(-1), (row + down).reshape(-1))
         colors = problem.model.points(scenes, points, problem.base).astype(np.float64)
         colors = colors.reshape(3, len(some), len(column))
         total += colors.sum(axis=1)
@@ -56,18 +112,8 @@ def pixel_moments(
     return Moments(mean, np.maximum(squares / len(offsets) - mean**2, 0.0))
 
 
-def developed(problem: Problem, y: Vector, image: Image) -> Image:
-    """The developed picture at `y`, from that of the light."""
-    return problem.development.image(image, problem.values(y), problem.frame()).astype(np.float64)
-
-
 COARSE_SAMPLES = 2
 """Samples a pixel and side with which the edge-aware picture is compared everywhere: the fewest that see an edge."""
-
-DISAGREEMENT = 1e-4
-"""A pixel is sampled finely where edge-aware picture and coarse samples differ by more in any channel, as a part of the
-target's light: a fortieth of a step of 8 bits. Half and double leave the same error, tenfold half as much again or more
-(experiments/tuning)."""
 
 LATTICES = (89, 233, 610, 1597)
 """Points of the lattices that a pixel may be sampled with: Fibonacci numbers."""
@@ -90,32 +136,6 @@ def lattice_offsets(size: int) -> Float[np.ndarray, "samples 2"]:
     return np.stack([(index + 0.5) / size, np.mod(index * step + 0.5, size) / size], axis=1) - 0.5
 
 
-def disagreement(problem: Problem, y: Vector, aware: Image, coarse: Moments) -> Mask:
-    """The pixels where edge-aware picture and coarse samples differ, so that one of them is wrong."""
-    return np.abs(developed(problem, y, coarse.mean) - aware).max(axis=0) > DISAGREEMENT * problem.light_unit
-
-
-def storage_bias(problem: Problem, storage: JpegStorage, picture: Image) -> Image:
-    """The change that a lossy file makes to a picture with the target's noise, on average.
-
-    A JPEG keeps few of the finest patterns, and fewer of colours: edges become softer, and colours mix across them.
-    Noise decides for many patterns whether they are kept, so that pictures with noise are compressed. It is taken to be
-    white in the stored numbers, as the shot noise of a camera nearly is, and as large as the residual's.
-    """
-    # How large the target's noise is, in the stored numbers.
-    observed = problem.observation
-    counts = np.asarray(observed.root_weight) > 0
-    numbers, target = storage.encode(picture), storage.encode(np.asarray(observed.target, np.float64))
-    off = (target - numbers)[:, counts]
-    sigma = MAD_TO_SIGMA * np.median(np.abs(off - np.median(off, axis=1, keepdims=True)), axis=1)
-    random, total = np.random.default_rng(0), np.zeros_like(picture)
-    # The noise that is left in a mean of 16 adds a sixteenth to the target's variance.
-    draws = 16
-    for _ in range(draws):
-        total += storage.compress(numbers + sigma[:, None, None] * random.normal(size=picture.shape))
-    return total / draws - picture
-
-
 GRIDS = (*range(1, 17), 20)
 """Samples a pixel and side that are tried. Means of more are those over the pixel, for all that a fit can tell."""
 
@@ -135,16 +155,19 @@ def detect_grid(
     target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
     variance = np.where(root > 0, coarse.variance.max(axis=0), 0.0)
     row, column = np.nonzero(variance > 0.1 * np.max(variance))
-    # If the film mixes pixels, a few of them tell nothing.
-    if not len(column) or problem.film_reach(y) > 0:
+    # A lossy file leaves nothing of a grid. If the film mixes pixels, a few of them tell nothing.
+    if any(isinstance(stage, Compression) for stage in problem.stages):
+        return None
+    if not len(column) or problem.camera.reach(problem.values(y)) > 0:
         return None
     scene, order = problem.scene_at(y), np.random.default_rng(0).permutation(len(row))
+    camera, values, frame = problem.camera, problem.values(y), problem.raster().frame
     derivative = np.asarray(jacobian, np.float64)[:, :, row, column]
 
     def residual(offsets: Float[np.ndarray, "samples 2"], some: Int[np.ndarray, " some"]) -> np.ndarray:
         light, (where, at) = np.zeros(target.shape), (row[some], column[some])
         light[:, where, at] = pixel_moments(problem, scene, at, where, offsets).mean
-        off = (developed(problem, y, light) - target)[:, where, at] * root[where, at]
+        off = (camera.image(light, values, frame) - target)[:, where, at] * root[where, at]
         slopes = derivative[:, :, some].reshape(len(derivative), -1).T
         return off - (slopes @ np.linalg.lstsq(slopes, off.reshape(-1))[0]).reshape(off.shape)
 
@@ -164,14 +187,14 @@ def detect_grid(
     return told[0] if told else None
 
 
-Sampling = Literal["box", "point"]
+SamplingKind = Literal["box", "point"]
 
 
-def cached_detection(problem: Problem) -> Callable[[Vector], Sampling]:
+def cached_detection(problem: Problem) -> Callable[[Vector], SamplingKind]:
     """`detect_sampling` of a problem, computed once for each place: a thread that asks meanwhile waits."""
-    lock, found = threading.Lock(), dict[bytes, Sampling]()
+    lock, found = threading.Lock(), dict[bytes, SamplingKind]()
 
-    def detect(y: Vector) -> Sampling:
+    def detect(y: Vector) -> SamplingKind:
         with lock:
             key = np.asarray(y).tobytes()
             if key not in found:
@@ -181,7 +204,7 @@ def cached_detection(problem: Problem) -> Callable[[Vector], Sampling]:
     return detect
 
 
-def detect_sampling(problem: Problem, y: Vector) -> Sampling:
+def detect_sampling(problem: Problem, y: Vector) -> SamplingKind:
     """The target's sampling: that of the kind of picture which is nearer to it on average, near the answer.
 
     The two kinds differ in the pixels that an edge cuts: one ray sees one side, four rays begin to see the mean. The
@@ -190,6 +213,6 @@ def detect_sampling(problem: Problem, y: Vector) -> Sampling:
     samples = problem.base.samples
 
     def distance(samples: int) -> float:
-        return float(np.mean(np.abs(problem.residual(supersampled(problem, y, samples)))))
+        return float(np.mean(np.abs(problem.observation.residual(supersampled(problem, y, samples)))))
 
     return "box" if distance(min(2 * samples, MAX_SAMPLES)) < distance(samples) else "point"

@@ -11,7 +11,8 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.options import LossName
-from raytrace_jax.inverse.problem.forward import Observation, PredictedPicture
+from raytrace_jax.inverse.problem.observation import Observation
+from raytrace_jax.inverse.problem.prediction import PredictedPicture
 from raytrace_jax.inverse.problem.unknowns import AnyArray, Prior, Vector
 from raytrace_jax.util.compilation import jit
 

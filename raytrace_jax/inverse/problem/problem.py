@@ -9,23 +9,15 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float, Int, Num
+from jaxtyping import Array, Float, Int, Num
 
-from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem.forward import (
-    Development,
-    ForwardModel,
-    Observation,
-    PredictedPicture,
-    forward_model,
-    nearest_power,
-)
 from raytrace_jax.inverse.problem.linearize import Linearization, evaluate, linearize
+from raytrace_jax.inverse.problem.observation import Observation, nearest_power
+from raytrace_jax.inverse.problem.prediction import CameraModel, ForwardModel, PredictedPicture, forward_model
+from raytrace_jax.inverse.problem.stages import ObservationStage
 from raytrace_jax.inverse.problem.unknowns import (
-    Covariance,
     Image,
-    Mask,
     Prior,
     Unknowns,
     Values,
@@ -35,7 +27,7 @@ from raytrace_jax.inverse.problem.unknowns import (
     natural_scale,
     values_and_slopes,
 )
-from raytrace_jax.scene.response import Frame, light_reach
+from raytrace_jax.scene.response import Frame
 from raytrace_jax.scene.scene import Scene, with_texels, without_texels
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
@@ -44,10 +36,60 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 
 @dataclasses.dataclass(frozen=True)
+class Raster:
+    """The target's pixels, own or larger ones, and where they lie in the whole picture.
+
+    Args:
+        shape: (height, width) in these pixels.
+        base: settings of the target's own pixels, whose window of the picture is the target.
+        binning: how many of the target's pixels one has in each direction.
+    """
+
+    scene: Scene
+    shape: tuple[int, ...]
+    base: ResolvedSettings
+    binning: int = 1
+
+    def settings(self, edges: EdgeMode) -> ResolvedSettings:
+        """The settings of the whole picture in these pixels."""
+        return dataclasses.replace(self.base, edges=edges, binning=self.base.binning * self.binning, crop=None)
+
+    @property
+    def frame(self) -> Frame:
+        """The target's part of the whole picture.
+
+        A crop begins between larger pixels of the whole picture: they are laid from its corner on.
+        """
+        own = self.base.frame(self.scene.camera.pixeldim)
+        binning = own.binning * self.binning
+        return own._replace(left=own.left / self.binning, top=own.top / self.binning, binning=binning)
+
+    def points(
+        self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"]
+    ) -> Float[np.ndarray, "2 points"]:
+        """Places in the whole picture of points of the target."""
+        frame = self.frame
+        return np.stack(picture_place(self.scene.camera, self.settings("point"), column + frame.left, row + frame.top))
+
+    @property
+    def places(self) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
+        """Columns and rows of all pixels in their order."""
+        height, width = self.shape
+        row, column = np.divmod(np.arange(width * height), width)
+        return column, row
+
+    @property
+    def pixels(self) -> Pixels:
+        """All pixels."""
+        return Pixels(self.points(*self.places), pixel_step(self.scene.camera, self.settings("point")))
+
+
+@dataclasses.dataclass(frozen=True)
 class Problem:
     """A scene, a target, and what is free between them.
 
     Args:
+        stages: how a picture of the scene became the target's numbers.
         unit: the light that a weighted residual of 1 is at a weight of 1.
     """
 
@@ -56,42 +98,12 @@ class Problem:
     unknowns: Unknowns
     prior: Prior
     base: ResolvedSettings
-    storage: JpegStorage | None = None
+    stages: tuple[ObservationStage, ...] = ()
     unit: float = 1.0
     # What was traced last; a copy with another observation has the same pictures.
     _pictures: OrderedDict[Hashable, PredictedPicture] = dataclasses.field(repr=False, default_factory=OrderedDict)
     # Not an argument, so that a copy with another observation does not keep the old one's.
     _binned: dict[int, Observation] = dataclasses.field(init=False, repr=False, default_factory=dict)
-
-    @property
-    def model(self) -> ForwardModel:
-        """The program that computes the scene's pictures."""
-        return forward_model(self.scene)
-
-    def settings(self, edges: EdgeMode, binning: int = 1) -> ResolvedSettings:
-        """The settings of the whole picture in the target's own or in larger pixels; the target is its `frame`."""
-        return dataclasses.replace(self.base, edges=edges, binning=self.base.binning * binning, crop=None)
-
-    def binned(self, binning: int) -> Observation:
-        """The target in larger pixels."""
-        if binning not in self._binned:
-            self._binned[binning] = self.observation.binned(binning) if binning > 1 else self.observation
-        return self._binned[binning]
-
-    def with_bias(self, bias: ArrayLike) -> "Problem":
-        """Give the pictures of this problem another bias, "3 height width"."""
-        observation = dataclasses.replace(self.observation, bias=self.array(bias))
-        return dataclasses.replace(self, observation=observation)
-
-    def weighted(self, weight: Float[np.ndarray, "height width"]) -> "Problem":
-        """Multiply each pixel's weight by a factor."""
-        root = self.array(np.asarray(self.observation.root_weight) * np.sqrt(weight))
-        return dataclasses.replace(self, observation=dataclasses.replace(self.observation, root_weight=root))
-
-    @property
-    def light_unit(self) -> float:
-        """How large the target's light is."""
-        return self.observation.light_unit
 
     def in_own_unit(self) -> "Problem":
         """The same problem, whose residuals have no unit: about 1 where the picture is black and the target is not.
@@ -99,39 +111,29 @@ class Problem:
         So no tolerance knows the unit of light or of weights. Powers of two change no digit.
         """
         root = np.asarray(self.observation.root_weight, np.float64)
-        unit = self.light_unit * nearest_power(np.sqrt(np.mean(root[root > 0] ** 2)))
+        unit = self.observation.light_unit * nearest_power(np.sqrt(np.mean(root[root > 0] ** 2)))
         observation = dataclasses.replace(self.observation, root_weight=self.array(root / unit))
         return dataclasses.replace(self, observation=observation, unit=self.unit * unit)
 
-    def frame(self, binning: int = 1) -> Frame:
-        """The target's part of the whole picture, in its own or in larger pixels.
+    @functools.cached_property
+    def model(self) -> ForwardModel:
+        """The programs that compute the scene's radiance."""
+        return forward_model(self.scene)
 
-        A crop begins between larger pixels of the whole picture: they are laid from its corner on.
-        """
-        own = self.base.frame(self.scene.camera.pixeldim)
-        return own._replace(left=own.left / binning, top=own.top / binning, binning=own.binning * binning)
+    @functools.cached_property
+    def camera(self) -> CameraModel:
+        """The camera's response to the scene's radiance."""
+        return CameraModel(self.scene, self.unknowns, np.asarray(self.prior.precision) > 0)
 
-    def picture_points(
-        self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"], binning: int = 1
-    ) -> Float[np.ndarray, "2 points"]:
-        """Places in the whole picture of points of the target, in its own or in larger pixels."""
-        settings, frame = self.settings("point", binning), self.frame(binning)
-        return np.stack(picture_place(self.scene.camera, settings, column + frame.left, row + frame.top))
+    def binned(self, binning: int) -> Observation:
+        """The target in larger pixels."""
+        if binning not in self._binned:
+            self._binned[binning] = self.observation.binned(binning) if binning > 1 else self.observation
+        return self._binned[binning]
 
-    def all_pixels(self, binning: int = 1) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
-        """Columns and rows of all pixels of the target in their order, in own or in larger ones."""
-        height, width = self.binned(binning).root_weight.shape
-        row, column = np.divmod(np.arange(width * height), width)
-        return column, row
-
-    def pixels(self, binning: int = 1) -> Pixels:
-        """All pixels of the target, in own or in larger ones."""
-        step = pixel_step(self.scene.camera, self.settings("point", binning))
-        return Pixels(self.picture_points(*self.all_pixels(binning), binning), step)
-
-    def start(self) -> Vector:
-        """The unknowns at the start."""
-        return self.array(self.unknowns.unknowns(self.unknowns.initial(self.scene)))
+    def raster(self, binning: int = 1) -> Raster:
+        """The target's own pixels, or larger ones."""
+        return Raster(self.scene, self.binned(binning).root_weight.shape, self.base, binning)
 
     def array(self, values: ArrayLike | Sequence[float]) -> Array:
         """Unknowns, values, or pictures in the fit's dtype, as an argument of its programs.
@@ -139,6 +141,14 @@ class Problem:
         They go by way of the host: an array on several devices is another kind of argument, and would compile anew.
         """
         return jnp.asarray(np.asarray(values), self.observation.target.dtype)
+
+    def y_of(self, values: Values) -> Vector:
+        """The unknowns that give these values."""
+        return self.array(self.unknowns.unknowns(values))
+
+    def start(self) -> Vector:
+        """The unknowns at the start."""
+        return self.y_of(self.unknowns.initial(self.scene))
 
     def values(self, y: Vector) -> Values:
         """The parameters' values at unknowns `y`."""
@@ -151,11 +161,10 @@ class Problem:
     @functools.cached_property
     def scale(self) -> Values:
         """The natural scales of the parameters: how large a large change of each is."""
-        return np.array(
-            [natural_scale(self.scene, name, self.base.model, self.light_unit) for name in self.unknowns.names]
-        )
+        light, model = self.observation.light_unit, self.base.model
+        return np.array([natural_scale(self.scene, name, model, light) for name in self.unknowns.names])
 
-    def scaled_distance(self, one: Values, other: Values) -> float:
+    def distance(self, one: Values, other: Values) -> float:
         """The largest difference of any value, in natural scales."""
         return float(np.max(np.abs(one - other) / self.scale))
 
@@ -164,60 +173,32 @@ class Problem:
         moved = moved_scene(without_texels(self.scene), self.array(self.values(y)), self.unknowns)
         return with_texels(moved, self.scene)
 
-    @functools.cached_property
-    def traced_scene(self) -> Scene:
-        """The scene without its film: what is traced."""
-        return dataclasses.replace(self.scene, film=None)
-
-    @functools.cached_property
-    def development(self) -> Development:
-        """The camera's response to the scene's light."""
-        return Development(self.scene, self.unknowns)
-
-    @property
-    def linear_indices(self) -> tuple[int, ...]:
-        """The places of the film's unknowns whose best values have a closed form."""
-        return self.development.linear_indices(np.asarray(self.prior.precision))
-
-    def film_reach(self, y: Vector) -> float:
-        """The distance in pixels from which the light of a pixel may come; 0 if all of it is its own."""
-        return light_reach(self.development.film(self.values(y)))
-
-    @functools.cached_property
-    def balls_outside(self) -> Bool[np.ndarray, " spheres"]:
-        """The balls in which the scene's camera is not."""
-        return gaps(self.scene) > 0
-
-    def is_possible(self, y: Vector) -> bool:
-        """Whether the camera is in no ball in which it was not at the start."""
-        return bool(np.all(gaps(self.scene_at(y))[self.balls_outside] > 0))
-
     def scenes_with(self, values: Float[np.ndarray, "scenes parameters"]) -> Scene:
         """Scenes without film that have these values of the other free parameters, stacked as by `map_scenes`."""
         rows = self.array(values[:, list(self.unknowns.traced)])
-        moved = moved_scenes(without_texels(self.traced_scene), rows, self.unknowns.traced_unknowns)
-        return with_texels(moved, self.scene)
+        plain = dataclasses.replace(without_texels(self.scene), film=None)
+        return with_texels(moved_scenes(plain, rows, self.unknowns.traced_unknowns), self.scene)
 
     def picture(self, y: Vector, edges: EdgeMode, binning: int = 1) -> PredictedPicture:
         """The picture at `y` and its derivatives."""
         y = self.array(y)
-        return self.development.picture(self.radiance(y, edges, binning), y, self.frame(binning))
+        return self.camera.picture(self.radiance(y, edges, binning), y, self.raster(binning).frame)
 
     def radiance(self, y: Vector, edges: EdgeMode, binning: int = 1) -> PredictedPicture:
         """The picture before the film, and its derivatives by the unknowns that are not the film's.
 
         The last few pictures are remembered: one point is looked at with several blurs, losses, targets and films.
         """
-        traced, unknowns = self.traced_at(y), self.unknowns.traced_unknowns
-        place = np.asarray(traced).tobytes(), edges, binning
+        y, scene, unknowns, settings = self._traced(y, edges, binning)
+        place = np.asarray(y).tobytes(), edges, binning
         if place in self._pictures:
             self._pictures.move_to_end(place)
             return self._pictures[place]
 
-        pixels, size = self.pixels(binning), self.binned(binning).root_weight.shape
-        found = self.model.differentiate(traced, self.traced_scene, pixels, unknowns, self.settings(edges, binning))
-        image, jacobian = found.color.reshape(3, *size), found.jacobian.reshape(-1, 3, *size)
-        sees_edge = found.sees_edge.reshape(size) if edges == "aware" else None
+        raster = self.raster(binning)
+        found = self.model.differentiate(y, scene, raster.pixels, unknowns, settings)
+        image, jacobian = found.color.reshape(3, *raster.shape), found.jacobian.reshape(-1, 3, *raster.shape)
+        sees_edge = found.sees_edge.reshape(raster.shape) if edges == "aware" else None
         picture = PredictedPicture(self.array(image), self.array(jacobian), sees_edge)
         self._pictures[place] = picture
         # Three are kept: after a rejected step the solver goes on from where the step began.
@@ -225,24 +206,22 @@ class Problem:
             self._pictures.popitem(last=False)
         return picture
 
-    def traced_at(self, y: Vector) -> Float[Array, " light"]:
-        """The unknowns that are not the film's."""
-        return self.array(np.asarray(y)[list(self.unknowns.traced)])
+    def _traced(self, y: Vector, edges: EdgeMode, binning: int):
+        """What is traced: the unknowns that are not the film's, the scene without film, and how."""
+        scene = dataclasses.replace(self.scene, film=None)
+        traced = self.array(np.asarray(y)[list(self.unknowns.traced)])
+        return traced, scene, self.unknowns.traced_unknowns, self.raster(binning).settings(edges)
 
-    def linearize(self, y: Vector, stage: Stage) -> Linearization:
-        """Residual and Jacobian at `y`."""
-        picture = self.picture(y, stage.edges, stage.binning)
-        return self.linearize_picture(picture, y, stage)
-
-    def linearize_picture(self, picture: PredictedPicture, y: Vector, stage: Stage) -> Linearization:
-        """Residual and Jacobian at `y` from a picture and derivatives that are given."""
+    def linearize(self, y: Vector, stage: Stage, picture: PredictedPicture | None = None) -> Linearization:
+        """Residual and Jacobian at `y`, of a picture and derivatives that are given or else traced."""
+        if picture is None:
+            picture = self.picture(y, stage.edges, stage.binning)
         picture = dataclasses.replace(picture, sees_edge=None)  # Not a matter of this program.
         return linearize(picture, *self._compared(y, stage), stage.loss)
 
     def prepare_linearize(self, y: Vector, stage: Stage) -> None:
         """Compile what `linearize` will run, and run nothing."""
-        settings = self.settings(stage.edges, stage.binning)
-        self.model.prepare_differentiate(self.traced_at(y), self.traced_scene, self.unknowns.traced_unknowns, settings)
+        self.model.prepare_differentiate(*self._traced(y, stage.edges, stage.binning))
         target = self.binned(stage.binning).target
         jacobian = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
         linearize.prepare(PredictedPicture(target, jacobian), *self._compared(y, stage), stage.loss)
@@ -253,20 +232,6 @@ class Problem:
         at = values_and_slopes(self.array(y), self.unknowns)
         return *at, self.binned(stage.binning), self.prior, *map(self.array, numbers)
 
-    def residual(self, image: Image, binning: int = 1) -> Image:
-        """`Observation.residual` in numpy, which compiles nothing for a picture of another size."""
-        observation = self.binned(binning)
-        target, bias, root = map(np.asarray, (observation.target, observation.bias, observation.root_weight))
-        return (image + bias - target) * root
-
-
-def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
-    """The distance of each ball's surface from the camera; negative if the camera is in the ball."""
-    center, radius, viewpoint = (
-        np.asarray(part, np.float64) for part in (scene.spheres.center, scene.spheres.radius, scene.camera.viewpoint)
-    )
-    return np.linalg.norm(center - viewpoint[:, None], axis=0) - radius
-
 
 @dataclasses.dataclass(frozen=True)
 class FitState:
@@ -274,10 +239,8 @@ class FitState:
 
     Args:
         problem: what is solved: the problem given, with the bias that the edge-aware picture was found to have.
-        next_move: how long the step after the last would be in standard errors, where steps ended on their own.
-        target_samples: samples a pixel and side of a box-filtered target's regular grid; None where none is known.
-        resolution: covariance of unknowns that solver and samples do not tell apart: the outer product of the step that
-            was not taken, and of places whose pictures of such samples are the same; None if unknown.
+        next_step: the step that the solver did not take, of the unknowns, where steps ended on their own.
+        next_move: its length in standard errors.
     """
 
     problem: Problem
@@ -285,9 +248,8 @@ class FitState:
     stage: Stage
     linearization: Linearization
     settled: bool = False
+    next_step: Values | None = None
     next_move: float = 0.0
-    target_samples: int | None = None
-    resolution: Covariance | None = None
 
     @classmethod
     def at(cls, problem: Problem, y: Vector, stage: Stage) -> "FitState":
@@ -295,26 +257,24 @@ class FitState:
         return cls(problem, y, stage, problem.linearize(y, stage))
 
     @property
+    def observation(self) -> Observation:
+        """The target in the stage's pixels."""
+        return self.problem.binned(self.stage.binning)
+
+    @property
     def residual(self) -> Image:
         """The unblurred, weighted residual."""
-        return self.problem.residual(np.asarray(self.linearization.image), self.stage.binning)
+        return self.observation.residual(np.asarray(self.linearization.image))
 
     @property
     def weighted_target(self) -> Image:
         """The target in the unit of its residual."""
-        observation = self.problem.binned(self.stage.binning)
-        return np.asarray(observation.target) * np.asarray(observation.root_weight)
+        return np.asarray(self.observation.target) * np.asarray(self.observation.root_weight)
 
     @property
     def rms_residual(self) -> float:
         """Root mean square of the unblurred, weighted residual over the numbers that count."""
-        count = max(self.problem.binned(self.stage.binning).count, 1)
-        return float(np.linalg.norm(self.residual) / np.sqrt(count))
-
-    @property
-    def counts(self) -> Mask:
-        """The pixels that count."""
-        return np.asarray(self.problem.binned(self.stage.binning).root_weight) > 0
+        return float(np.linalg.norm(self.residual) / np.sqrt(max(self.observation.count, 1)))
 
     def under_loss(self, what: Literal["residual", "weight", "score"], scale: float | None = None) -> Image:
         """A function of the loss at each residual, at its own scale or at another one; see `Loss`."""

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from raytrace_jax.inverse.judge.structure import EVIDENCE, vuong_evidence
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.observe.noise import EVIDENCE, vuong_evidence
-from raytrace_jax.inverse.observe.sampling import supersampled
+from raytrace_jax.inverse.observe.sampling import samples_of, supersampled
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Image, Values, natural_scale
 from raytrace_jax.scene.parameters import Address, Block, material_of, resolve
@@ -180,11 +180,13 @@ def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
     """
     problem = solution.problem
     values, found = problem.values(solution.y), dict[str, tuple[str, ...]]()
-    samples = problem.base.samples if solution.stage.edges == "point" else solution.target_samples or 4
-    unbiased = problem.with_bias(np.zeros(problem.observation.target.shape))
+    samples, unbiased = (
+        samples_of(problem) or 4,
+        problem.observation.with_bias(np.zeros(problem.observation.target.shape)),
+    )
 
     def residual(values: Values) -> Image:
-        y = problem.array(problem.unknowns.unknowns(values))
+        y = problem.y_of(values)
         return unbiased.residual(supersampled(problem, y, samples))
 
     for ball, names in faint_balls(problem, values).items():

@@ -61,7 +61,7 @@ def find_profile(
 def solve_held(solution: FitState, guess: Values, place: int, max_steps: int) -> tuple[Vector, float]:
     """Unknowns and cost with one parameter held."""
     problem = solution.problem
-    start = problem.array(problem.unknowns.unknowns(guess))
+    start = problem.y_of(guess)
     # Chi-square is about the number of residuals, a million at 640 x 480 pixels, of which a decrease of 1e-10 is 1e-4.
     stage = dataclasses.replace(solution.stage, max_steps=max_steps, relative=1e-7, decrease=1e-10, rejected=3)
     state = levenberg_marquardt(problem, start, stage, linearize=lambda y: hold(problem.linearize(y, stage), [place]))

@@ -6,17 +6,27 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, noise_level
-from raytrace_jax.inverse.observe.noise import EVIDENCE, explains
-from raytrace_jax.inverse.observe.resampled import settle
-from raytrace_jax.inverse.observe.sampling import COARSE_SAMPLES, Sampling, detect_grid, point_sampled
+from raytrace_jax.inverse.judge.structure import EVIDENCE, explains
+from raytrace_jax.inverse.judge.uncertainty import noise_level
+from raytrace_jax.inverse.observe.resampled import resampled
+from raytrace_jax.inverse.observe.sampling import (
+    COARSE_SAMPLES,
+    Moments,
+    Sampling,
+    SamplingKind,
+    detect_grid,
+    lattice_size,
+    point_sampled,
+    sampled,
+    samples_of,
+)
 from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem.linearize import LOSSES
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Image, Vector
 from raytrace_jax.inverse.solve.solvers import gauss_newton, levenberg_marquardt
 from raytrace_jax.inverse.solve.steps import LocalMinimum, Recorder
-from raytrace_jax.util.numerics import finite_or_last
+from raytrace_jax.util.numerics import MAD_TO_SIGMA, finite_or_last
 
 
 def select_solution(
@@ -25,7 +35,7 @@ def select_solution(
     level: int,
     options: FitOptions,
     recorder: Recorder,
-    detect: Callable[[Vector], Sampling],
+    detect: Callable[[Vector], SamplingKind],
 ) -> tuple[list[LocalMinimum], FitState]:
     """Solve the best minimum to the end, and those that the small pictures do not tell from it.
 
@@ -61,7 +71,7 @@ def select_solution(
 
     best, *others = (at_end(*end) for end in ends)
     # Starts that came together on the whole picture are one minimum, as far as solves stop apart.
-    distinct = [m for m in others if problem.scaled_distance(m.summary.value, best.summary.value) > 1e-3]
+    distinct = [m for m in others if problem.distance(m.summary.value, best.summary.value) > 1e-3]
     untouched = [minimum for minimum in minima[1:] if all(minimum is not rival for rival in rivals)]
     return [best, *distinct, *untouched], winner
 
@@ -75,11 +85,12 @@ def refine(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder)
     pixel on its way, so that the fit ends with steps that do not ask (iteratively reweighted least squares).
 
     An edge-aware picture is nearly that of a box-filtered target. A picture of samples, which has no derivative of its
-    own, tells where it errs: it is what steps with the edge-aware derivative bring to the target (`resampled.settle`).
+    own, tells where it errs: it is what steps with the edge-aware derivative bring to the target (`settle`).
     """
     stage = options.last_stage
     if stage.edges == "aware":
         return refine_aware(problem, y, options, recorder)
+    problem = sampled(problem, Sampling(problem.base.samples))
 
     # To about an error bar, since the steps that follow do not ask whether the cost falls.
     near = dataclasses.replace(first_stage(stage), relative=1e-6, decrease=1e-6, rejected=1)
@@ -104,13 +115,49 @@ def refine_aware(problem: Problem, y: Vector, options: FitOptions, recorder: Rec
     solution = solve_in_stages(problem, y, rough, options.sigma, recorder)
     if options.known_sampling == "aware":
         return solve_in_stages(problem, solution.y, stage, options.sigma, recorder) if explains(solution) else solution
-    samples, coarse = options.target_samples, None
-    # Tell the target's grid of samples, of which a lossy file leaves nothing.
-    if samples is None and problem.storage is None:
+    samples, coarse = samples_of(problem), None
+    if samples is None:
         recorder.phase("telling the target's samples")
         coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
         samples = detect_grid(problem, solution.y, coarse, solution.linearization.pixel_jacobian)
-    return settle(problem, solution, samples, recorder, coarse)
+    return settle(sampled(problem, Sampling(samples)), solution, recorder, coarse)
+
+
+def settle(problem: Problem, solution: FitState, recorder: Recorder, coarse: Moments | None = None) -> FitState:
+    """Take steps on the picture as it was observed; the edge-aware derivative leads.
+
+    That picture has no derivative of use: it changes only where an edge crosses a sample, and then in a jump. But on
+    average it changes as the area on one side of the edge does, whose derivative is the edge-aware one. So each step
+    leads to where few samples are on the wrong side, and the next one ends nearer: a step with the derivative `A'` of a
+    picture that changes by `S'` leaves `1 - A'^+ S'` of the error. A step samples the pixels at edges anew, which is
+    cheap beside a derivative.
+
+    Args:
+        problem: its sampling is the target's. Where that is not known, pixels are taken for means over their area, and
+            ours have as many samples as it takes for their error to be a small part of the residual.
+        coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
+    """
+    stage, y, size, left = solution.stage, solution.y, lattice_size(), 4
+    whose = "a supersampled picture" if samples_of(problem) is None else "a picture of the target's own samples"
+    # Again with more samples, or with another derivative and list of pixels, which hold up to a tenth of a pixel of a
+    # large ball. What is not explained will not be explained by them.
+    while True:
+        recorder.phase(f"comparing with {whose}")
+        picture = resampled(problem, y, stage, size, coarse)
+        lowest = gauss_newton(picture.state(y, stage), lambda y, near=picture: near.state(y, stage), recorder.step)
+        wanted, coarse, left = max(size, picture.needed_size(lowest)), None, left - 1
+        moved = problem.distance(problem.values(lowest.y), problem.values(problem.array(picture.y)))
+        if (moved < 1e-3 and wanted == size) or left == 0 or not explains(lowest):
+            break
+        y, size = lowest.y, wanted
+    # The solution there has the edge-aware picture and its bias.
+    aware = problem.picture(lowest.y, stage.edges)
+    bias = np.asarray(lowest.linearization.image) - np.asarray(aware.image)
+    observed = dataclasses.replace(problem, observation=problem.observation.with_bias(bias))
+    observed = sampled(observed, Sampling(samples_of(problem), picture.confusion()))
+    linearization = observed.linearize(lowest.y, stage)
+    settled = lowest.settled and linearization.is_finite
+    return dataclasses.replace(lowest, problem=observed, linearization=linearization, settled=settled)
 
 
 def solve_in_stages(problem: Problem, y: Vector, stage: Stage, sigma: float | None, recorder: Recorder) -> FitState:

@@ -11,8 +11,8 @@ from scipy import ndimage
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import blurred
 from raytrace_jax.inverse.options import FitOptions, Stage
-from raytrace_jax.inverse.problem.forward import develop_best
 from raytrace_jax.inverse.problem.linearize import Linearization
+from raytrace_jax.inverse.problem.prediction import develop_best
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Values, Vector
 from raytrace_jax.inverse.solve.candidates import groups, table
@@ -94,7 +94,7 @@ def descend(
     A solve that comes to a minimum that is already `known` is given up: None. So is one that is far worse on a blurred
     level than a minimum that explains the picture.
     """
-    y = problem.array(problem.unknowns.unknowns(start))
+    y = problem.y_of(start)
     state = FitState.at(problem, y, Stage(edges, binning=levels.binning_at(max(levels.blurs, default=0.0))))
     for level, blur in enumerate(levels.blurs):
         # Leave out a level whose blur takes away what is still off from here.
@@ -120,7 +120,7 @@ def descend(
 
         state = levenberg_marquardt(problem, state.y, stage, recorder.step, linearize)
         here = problem.values(state.y)
-        if any(problem.scaled_distance(here, minimum.summary.value) < SAME_MINIMUM for minimum in known):
+        if any(problem.distance(here, minimum.summary.value) < SAME_MINIMUM for minimum in known):
             return None
         if blur > 0 and known and known[0].summary.explained:
             best = problem.linearize(known[0].y, stage)
@@ -136,10 +136,10 @@ def held_under(problem: Problem, y: Vector, blur: float) -> list[int]:
     and offset anywhere, which every start has best, and a blur that is less than the level's: together they have gone
     to 3.7 (.9), -1.2 (.02) and 11 pixels (1) from a right start, and with them what is sought.
     """
-    effects, values = problem.development.free_effects, problem.values(y)
+    effects, values = problem.camera.free_effects, problem.values(y)
     squared = {effect.name for effect in FILM_EFFECTS if effect.is_squared}
     lesser = [k for k, name in enumerate(problem.unknowns.names) if effects.get(name) in squared and values[k] < blur]
-    return [*problem.linear_indices, *lesser] if blur > 0 else []
+    return [*problem.camera.linear_indices, *lesser] if blur > 0 else []
 
 
 def signal_left(state: FitState, blur: float) -> float:
@@ -163,14 +163,15 @@ def evaluate(
     """
     observation = problem.binned(binning)
     target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
-    points = problem.picture_points(*problem.all_pixels(binning), binning)
+    raster = problem.raster(binning)
+    points = raster.points(*raster.places)
     costs, found = [], np.array(values, np.float64)
     for some in np.array_split(np.arange(len(values)), -(-len(values) // AT_ONCE)):
         # As many scenes each time: another number of them is another program.
         scenes = problem.scenes_with(np.resize(found[some], (AT_ONCE, found.shape[1])))
         wanted = map_scenes(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
         images = problem.model.points(wanted, points, problem.base).reshape(-1, *target.shape)
-        if problem.development.is_needed:
+        if problem.camera.is_needed:
             found[some], images = best_films(problem, found[some], images, binning)
         each = np.sqrt(np.mean(blurred((images - target) * root, SCAN_BLUR) ** 2, axis=(1, 2, 3)))
         costs += [finite_or_last(float(cost)) for cost in each]
@@ -189,12 +190,12 @@ def best_films(
     found = develop_best(
         problem.array(np.resize(rows, (AT_ONCE, *rows.shape[1:]))),
         problem.array(np.resize(light, (AT_ONCE, *light.shape[1:]))),
-        problem.development.of_scene,
+        problem.camera.of_scene,
         problem.binned(binning),
         problem.array(SCAN_BLUR),
         problem.unknowns,
-        problem.frame(binning),
-        problem.linear_indices,
+        problem.raster(binning).frame,
+        problem.camera.linear_indices,
     )
     best, images = (np.asarray(x, np.float64)[: len(rows)] for x in found)
     return best, images
@@ -256,7 +257,7 @@ def find_minima(
         enough = len(tried) >= LEAST_SOLVES and any(minimum.summary.explained for minimum in minima)
         if enough or len(tried) >= MOST_SOLVES:
             break
-        if any(problem.scaled_distance(start, other) < 0.1 for other in tried):
+        if any(problem.distance(start, other) < 0.1 for other in tried):
             continue
         candidate = len(tried)
         recorder.phase(f"solving from start {candidate + 1}")
@@ -292,7 +293,7 @@ def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[Val
     if not scanned:
         start = problem.unknowns.initial(problem.scene)[None]
         # With the best film, as the places of a scan have.
-        if problem.linear_indices:
+        if problem.camera.linear_indices:
             _, start = evaluate(problem, start, binning_to(problem, 5_000), lambda pictures: None)
         return [*start]
     done = 0
@@ -313,7 +314,7 @@ def with_minimum(problem: Problem, minima: list[LocalMinimum], new: LocalMinimum
         return minimum.summary.rms_residual
 
     def is_same(minimum: LocalMinimum) -> bool:
-        return problem.scaled_distance(new.summary.value, minimum.summary.value) < SAME_MINIMUM
+        return problem.distance(new.summary.value, minimum.summary.value) < SAME_MINIMUM
 
     best = min([*filter(is_same, minima), new], key=size)
     return sorted([*(minimum for minimum in minima if not is_same(minimum)), best], key=size)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem.linearize import Linearization, outer
+from raytrace_jax.inverse.problem.linearize import Linearization
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Values, Vector
 from raytrace_jax.inverse.solve.steps import (
@@ -149,7 +149,7 @@ def gauss_newton(start: FitState, look: Callable[[Vector], FitState], record: Re
     promises to take off the sum of squares: `|P r|^2`, P projecting on the span of the Jacobian (the relative offset of
     Bates and Watts 1981). The steps end where a step is a tenth of a standard error or rounding, where it leaves the
     neighbourhood in which the derivative holds, or when two in a row did not halve it. What is left, the step
-    that was not taken, is a `resolution` of the answer.
+    that was not taken, is part of the answer's error.
 
     A point whose cost or derivatives are not finite is not taken. The steps then end at the point before, with a
     warning, and the solver has not come to rest.
@@ -172,11 +172,10 @@ def gauss_newton(start: FitState, look: Callable[[Vector], FitState], record: Re
         # The loss's own curvature makes longer steps than its weights, which overshoot where residuals are roundings.
         step, move = gauss_newton_step(free, curved=in_vain == 0), move_in_errors(free)
         to = problem.array(shorten_step(problem, seen.y, seen.y + step))
-        reach = problem.scaled_distance(problem.values(to), problem.values(seen.y))
+        reach = problem.distance(problem.values(to), problem.values(seen.y))
         best, is_best = last.best, promised < last.memory.promised
         if is_best:
-            left = outer(step[:, None])
-            best = dataclasses.replace(seen, settled=reach < FARTHEST, next_move=move, resolution=left)
+            best = dataclasses.replace(seen, settled=reach < FARTHEST, next_step=step, next_move=move)
         # Choose the next place, or end.
         here = np.asarray(seen.y)
         rounding = ROUNDINGS * np.finfo(here.dtype).eps * np.maximum(np.abs(here), 1)

@@ -10,12 +10,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from raytrace_jax.inverse.judge.assumptions import ModelCheck
+from raytrace_jax.inverse.judge.structure import explains, vuong_evidence
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.observe.noise import explains, vuong_evidence
 from raytrace_jax.inverse.problem.linearize import Linearization
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Image, Unknowns, Values, Vector
 from raytrace_jax.inverse.result import FitStep, Minimum, Profile
+from raytrace_jax.scene.scene import Scene
 
 
 def clip(y: Vector, unknowns: Unknowns) -> Values:
@@ -28,10 +29,22 @@ def shorten_step(problem: Problem, origin: Vector, tried) -> Values:
     place, start = clip(tried, problem.unknowns), np.asarray(origin)
     # A step that leads into the impossible is given up after ten halvings: a thousandth of it is none.
     for _ in range(10):
-        if problem.is_possible(problem.array(place)):
+        if is_possible(problem, problem.array(place)):
             return place
         place = (place + start) / 2
     return start
+
+
+def is_possible(problem: Problem, y: Vector) -> bool:
+    """Whether the camera is in no ball in which it was not at the start."""
+    return bool(np.all(gaps(problem.scene_at(y))[gaps(problem.scene) > 0] > 0))
+
+
+def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
+    """The distance of each ball's surface from the camera; negative if the camera is in the ball."""
+    parts = scene.spheres.center, scene.spheres.radius, scene.camera.viewpoint
+    center, radius, viewpoint = (np.asarray(part, np.float64) for part in parts)
+    return np.linalg.norm(center - viewpoint[:, None], axis=0) - radius
 
 
 def at_bounds(y: Vector, unknowns: Unknowns) -> Int[np.ndarray, " parameters"]:

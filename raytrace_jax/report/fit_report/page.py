@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from raytrace_jax.inverse.judge.assumptions import WHAT_IF
-from raytrace_jax.inverse.observe.noise import EVIDENCE
+from raytrace_jax.inverse.judge.structure import EVIDENCE
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report import summary

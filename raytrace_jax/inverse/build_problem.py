@@ -12,9 +12,10 @@ from jaxtyping import Float
 
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.images.pictures import read_origin
+from raytrace_jax.inverse.observe.sampling import stages_of
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.fixed import root_covariance, stated_uncertainties, with_known_offsets
-from raytrace_jax.inverse.problem.forward import Observation, observe
+from raytrace_jax.inverse.problem.observation import Observation, observe
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import Priors, make_prior, make_unknowns, spelled
 from raytrace_jax.scene.checks import check_values
@@ -76,12 +77,14 @@ def build_problem(
     uncertain = stated_uncertainties(scene, unknowns, options.uncertain)
     # Refuses what cannot be.
     root_covariance(list(uncertain), np.array(list(uncertain.values())), options.correlations)
-    problem = Problem(scene, observation, unknowns, prior, settings, storage)
-    reach = math.ceil(problem.film_reach(problem.start()))
+    stages = stages_of(options.target_samples, storage)
+    problem = Problem(scene, observation, unknowns, prior, settings, stages)
+    reach = math.ceil(problem.camera.reach(problem.values(problem.start())))
     if reach:
         # The film mixes pixels: part of the light at the border comes from beyond it, so these do not count. With
         # them the blur of a ball before a board, 1.1 at 160 x 120, is off by 7 errors; without 4 rows by 2.
-        problem = problem.weighted(inside(observation, max(4, reach)))
+        observation = observation.weighted(inside(observation, max(4, reach)))
+        problem = dataclasses.replace(problem, observation=observation)
     return FitSetup(problem, priors, uncertain, profiled)
 
 

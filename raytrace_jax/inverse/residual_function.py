@@ -9,9 +9,9 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from raytrace_jax.images.filters import gaussian_blur
+from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.build_problem import build_problem
-from raytrace_jax.inverse.problem.forward import Observation
+from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.pure import MOVING_SLACK, measured_room, picture_at, room_for
@@ -102,7 +102,7 @@ def make_residual(
     problem = build_problem(scene, target, free, settings, options, weights).problem
     scene = problem.scene
     if scene.film is not None:
-        scene = dataclasses.replace(scene, film=problem.development.of_scene.film)
+        scene = dataclasses.replace(scene, film=problem.camera.of_scene.film)
     return PictureResidual(
         start=problem.start(),
         scene=scene,

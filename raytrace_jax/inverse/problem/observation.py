@@ -1,0 +1,162 @@
+"""The observation: a target, the weight of its pixels, and what the tracer's picture is known to lack of it."""
+
+import dataclasses
+import math
+import warnings
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.images.filters import bin_pixels
+from raytrace_jax.inverse.problem.unknowns import AnyArray, Image, Mask
+from raytrace_jax.scene.checks import is_gray
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.util.numerics import is_masked, real_numbers
+
+
+class Observation(eqx.Module):
+    """The observation model `target = picture + bias + noise`, whose noise has the standard deviation sigma / sqrt(w).
+
+    Args:
+        target: scene-linear RGB; 0 where the weight is 0.
+        bias: what the tracer's picture is known to lack of the mean over each pixel, 0 where nothing is known.
+        root_weight: square root of each pixel's weight w in the sum of squares.
+    """
+
+    target: Float[Array, "3 height width"]
+    bias: Float[Array, "3 height width"]
+    root_weight: Float[Array, "height width"]
+
+    def residual(self, image: Float[AnyArray, "3 height width"]) -> Float[AnyArray, "3 height width"]:
+        """Picture and bias minus target, weighted; a picture of numpy compiles nothing."""
+        fields = self.bias, self.target, self.root_weight
+        bias, target, root = map(np.asarray, fields) if isinstance(image, np.ndarray) else fields
+        return (image + bias - target) * root
+
+    def with_bias(self, bias: Image) -> "Observation":
+        """The same target beside pictures that lack something else."""
+        return dataclasses.replace(self, bias=jnp.asarray(bias, self.target.dtype))
+
+    def weighted(self, factor: Float[np.ndarray, "height width"]) -> "Observation":
+        """The same target, each pixel of which weighs `factor` times as much."""
+        root = np.asarray(self.root_weight) * np.sqrt(factor)
+        return dataclasses.replace(self, root_weight=jnp.asarray(root, self.target.dtype))
+
+    def binned(self, binning: int) -> "Observation":
+        """Squares of pixels averaged to one; a square with a pixel of weight 0 is left out."""
+        # In numpy: each operation on arrays of a new size is a program to JAX.
+        weight = np.asarray(self.root_weight) ** 2
+        whole = bin_pixels((weight > 0).astype(weight.dtype), binning) == 1
+        binned = np.where(whole, bin_pixels(weight, binning), 0)
+        pictures = (bin_pixels(np.asarray(picture), binning) for picture in (self.target, self.bias))
+        return Observation(*map(jnp.asarray, (*pictures, np.sqrt(binned))))
+
+    @property
+    def light_unit(self) -> float:
+        """The power of two next to the root mean square of the target's light."""
+        target, root = (np.asarray(part, np.float64) for part in (self.target, self.root_weight))
+        return nearest_power(np.sqrt(np.mean(target[:, root > 0] ** 2)))
+
+    @property
+    def counts(self) -> Mask:
+        """The pixels with a weight."""
+        return np.asarray(self.root_weight) > 0
+
+    @property
+    def count(self) -> int:
+        """The number of the target's colours that count: three for each pixel with a weight."""
+        return 3 * int(np.sum(self.counts))
+
+
+def nearest_power(size: float) -> float:
+    """The power of two next to a size, on a logarithmic scale; 1 for 0."""
+    return 2.0 ** round(math.log2(size)) if size > 0 else 1.0
+
+
+def observe(target: object, weights: object, scene: Scene, settings: ResolvedSettings) -> Observation:
+    """Check target and weights and bring them to the scene's dtype.
+
+    Args:
+        target: scene-linear RGB, top row first; NaN may stand where the weight is 0. A pixel of which `numpy.ma` masks
+            a channel, here or in the weights, has the weight 0.
+        weights: weight of each pixel, "height width" or "3 height width" (the channels' mean is taken), 0 or more;
+            None is 1 everywhere.
+
+    Raises:
+        PictureError: no numbers, another size than the render, NaN, infinity, a constant target, or weights that are
+            negative, or all zero.
+
+    Warns:
+        PictureWarning: the target's colours are hardly those of such a scene.
+    """
+    # The size, and what is to be fitted: finite, and not all of one colour.
+    _, _, width, height = settings.window(scene.camera.pixeldim)
+    picture = _numbers(target, "target")
+    if picture.ndim != 3 or picture.shape[0] != 3:
+        raise PictureError(f"the target has shape {picture.shape}; wanted (3, {height}, {width})")
+    if picture.shape[1:] != (height, width):
+        raise PictureError(
+            f"the target is {picture.shape[2]} x {picture.shape[1]} pixels, the scene renders {width} x {height}; "
+            "set the size to the target's, or crop"
+        )
+    hidden = np.any(is_masked(target), axis=0)
+    weight = _checked_weights(np.ones(hidden.shape) if weights is None else weights, hidden)
+    counts = weight > 0
+    bad = int(np.sum(~np.isfinite(picture[:, counts])))
+    if bad:
+        raise PictureError(
+            f"the target has {bad} values that are NaN or infinite; a fit needs finite ones, or a mask without them"
+        )
+    picture = np.where(counts, picture, 0)
+    seen = picture[:, counts]
+    if np.all(seen == seen[:, :1]):
+        where = "" if counts.all() else ", as far as the mask shows it"
+        raise PictureError(f"the target is one constant colour{where}; there is nothing in it to fit")
+    for sentence in _oddities(seen, scene):
+        warnings.warn(sentence, PictureWarning, stacklevel=2)
+
+    # All that follows computes in the scene's precision.
+    dtype = scene.camera.viewpoint.dtype
+    target = jnp.asarray(picture, dtype)
+    return Observation(target, jnp.zeros_like(target), jnp.asarray(np.sqrt(weight), dtype))
+
+
+def _oddities(colours: np.ndarray, scene: Scene) -> list[str]:
+    """Oddities of a target's colours, "3 pixels": a sentence for each oddity."""
+    found = []
+    most = float(np.max(colours))
+    # White is not 1 where most colours are beyond twice that, or all are whole numbers. Colours beyond 16 bits are in a
+    # scene's own unit of light.
+    if 2.0 < most <= 65535 and (np.median(colours) > 2.0 or np.all(colours == np.round(colours))):
+        found.append(f"the target's colours go up to {most:.4g}, where white is 1: divide what was stored as 0 to 255.")
+    if not is_gray(scene) and np.all(colours == colours[:1]):
+        found.append("the target is gray, and the scene has colours: each channel is compared with the same numbers.")
+    return found
+
+
+def _numbers(values: object, name: str) -> np.ndarray:
+    try:
+        return real_numbers(values)
+    except ValueError as reason:
+        raise PictureError(f"the {name} {reason}") from None
+
+
+def _checked_weights(weights: object, hidden: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
+    """The weights of all pixels, 0 for those that are hidden and for those of which a weight is masked."""
+    weight, masked = _numbers(weights, "mask"), is_masked(weights)
+    if weight.ndim == 3:
+        weight, masked = weight.mean(axis=0), masked.any(axis=0)
+    if weight.shape != hidden.shape:
+        size, wanted = (" x ".join(map(str, shape[::-1])) for shape in (weight.shape, hidden.shape))
+        raise PictureError(f"the mask is {size} pixels, the target {wanted}")
+    weight = np.where(hidden | masked, 0.0, weight)
+    bad = int(np.sum(~(np.isfinite(weight) & (weight >= 0))))
+    if bad:
+        raise PictureError(f"the mask has {bad} values that are negative, NaN or infinite; weights are 0 or more")
+    if not np.any(weight > 0):
+        raise PictureError("the mask is 0 everywhere; there is nothing left to fit")
+    return weight
