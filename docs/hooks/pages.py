@@ -1,9 +1,9 @@
 """Pages and links of the site, which MkDocs asks for while it builds.
 
 Name, description and address come from `pyproject.toml`. Some pages are made at build time, so that nothing is written
-twice: `commands.md` from the command line's own help, `contributing.md` and `changelog.md` from the files of these
-names at the root, `notebooks/*.md` from the teaching notebooks. Links that leave `docs/` become those of the
-repository's address.
+twice: `commands.md` from the command line's own help, `index.md` from `README.md`, `contributing.md` and `changelog.md`
+from the files of these names at the root, `notebooks/*.md` from the teaching notebooks. Links that leave `docs/` become
+those of the repository's address.
 """
 
 import base64
@@ -27,7 +27,7 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[2]
 COLUMNS = 100
-ROOT_PAGES = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
+ROOT_PAGES = {"index.md": "README.md", "contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
 """Pages of the site that are files at the root of the repository."""
 
 TEACHING = "experiments/teaching"

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
 NOTEBOOKS = {f"notebooks/{path.stem}.md" for path in (ROOT / "experiments" / "teaching").glob("*.ipynb")}
-MADE = {"commands.md", "contributing.md", "changelog.md"} | NOTEBOOKS
+MADE = {"index.md", "commands.md", "contributing.md", "changelog.md"} | NOTEBOOKS
 """Pages that `docs/hooks/pages.py` makes when the site is built."""
 
 LINK = re.compile(r"\]\(([^)\s]+)\)")
@@ -72,12 +72,6 @@ def test_relative_links_of_a_page_lead_to_files(path):
             continue
         place = (path.parent / target.partition("#")[0]).resolve()
         assert place.exists() and place.is_relative_to(ROOT), target
-
-
-def test_the_first_page_has_the_example_of_the_readme():
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    example = readme.partition("<!-- example: begin -->")[2].partition("<!-- example: end -->")[0]
-    assert blocks(DOCS / "index.md") == BLOCK.findall(example) != []
 
 
 def test_every_public_name_is_on_the_page_of_python():
