@@ -38,6 +38,9 @@ LINK = re.compile(r"(?P<before>(?P<picture>!?)\[(?:[^\[\]]|\[[^\]]*\])*\]\()(?P<
 CONSTRUCTORS = "<!-- constructors of blocks -->"
 """Where the page on Python has the functions of `raytrace_jax.build`, which no source text shows."""
 
+NAMES = re.compile(r"^::: (?P<module>[\w.]+): (?P<names>.+)$", re.MULTILINE)
+"""Names of a module, each of which has its docstring there."""
+
 CODE = re.compile(r"(^ *```.*?^ *```$|`[^`\n]+`)", re.DOTALL | re.MULTILINE)
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -76,9 +79,15 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     place = {**ROOT_PAGES, **NOTEBOOKS}.get(name, f"docs/{name}")
     if CONSTRUCTORS in markdown:
         markdown = markdown.replace(CONSTRUCTORS, constructors())
+    markdown = NAMES.sub(_docstrings, markdown)
     parts = CODE.split(markdown)
     parts[::2] = [LINK.sub(functools.partial(_moved, place, name), part) for part in parts[::2]]
     return "".join(parts)
+
+
+def _docstrings(line: re.Match) -> str:
+    """A line for each name, as mkdocstrings takes them."""
+    return "\n\n".join(f"::: {line['module']}.{name}" for name in line["names"].split())
 
 
 def _moved(place: str, name: str, link: re.Match) -> str:
