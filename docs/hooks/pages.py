@@ -1,9 +1,9 @@
 """Pages and links of the site, which MkDocs asks for while it builds.
 
 Name, description and address come from `pyproject.toml`. Some pages are made at build time, so that nothing is written
-twice: `commands.md` from the command line's own help, `contributing.md` and `changelog.md` from the files of these
-names at the root, `notebooks/*.md` from the teaching notebooks. Links that leave `docs/` become those of the
-repository's address.
+twice: `commands.md` from the command line's own help, `index.md` from `README.md`, `contributing.md` and `changelog.md`
+from the files of these names at the root, `notebooks/*.md` from the teaching notebooks. Links that leave `docs/` become
+those of the repository's address.
 """
 
 import base64
@@ -27,7 +27,7 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[2]
 COLUMNS = 100
-ROOT_PAGES = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
+ROOT_PAGES = {"index.md": "README.md", "contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
 """Pages of the site that are files at the root of the repository."""
 
 TEACHING = "experiments/teaching"
@@ -37,6 +37,9 @@ NOTEBOOKS = {f"notebooks/{path.stem}.md": f"{TEACHING}/{path.name}" for path in 
 LINK = re.compile(r"(?P<before>(?P<picture>!?)\[(?:[^\[\]]|\[[^\]]*\])*\]\()(?P<target>[^)\s]+)(?P<after>\))")
 CONSTRUCTORS = "<!-- constructors of blocks -->"
 """Where the page on Python has the functions of `raytrace_jax.build`, which no source text shows."""
+
+NAMES = re.compile(r"^::: (?P<module>[\w.]+): (?P<names>.+)$", re.MULTILINE)
+"""Names of a module, each of which has its docstring there."""
 
 CODE = re.compile(r"(^ *```.*?^ *```$|`[^`\n]+`)", re.DOTALL | re.MULTILINE)
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
@@ -76,9 +79,15 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     place = {**ROOT_PAGES, **NOTEBOOKS}.get(name, f"docs/{name}")
     if CONSTRUCTORS in markdown:
         markdown = markdown.replace(CONSTRUCTORS, constructors())
+    markdown = NAMES.sub(_docstrings, markdown)
     parts = CODE.split(markdown)
     parts[::2] = [LINK.sub(functools.partial(_moved, place, name), part) for part in parts[::2]]
     return "".join(parts)
+
+
+def _docstrings(line: re.Match) -> str:
+    """A line for each name, as mkdocstrings takes them."""
+    return "\n\n".join(f"::: {line['module']}.{name}" for name in line["names"].split())
 
 
 def _moved(place: str, name: str, link: re.Match) -> str:

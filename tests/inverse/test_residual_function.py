@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -129,18 +128,6 @@ def test_a_derivative_by_the_scene_of_a_residual_is_that_of_a_renderer():
     red = jnp.asarray(0.4)
     wanted = jax.jit(jax.grad(functools.partial(mean, film=lambda scene: renderer(scene).image)))(red)
     np.testing.assert_allclose(jax.jit(jax.grad(functools.partial(mean, film=of_residual)))(red), wanted, rtol=1e-9)
-
-
-@pytest.mark.slow
-def test_the_documentations_loop_finds_what_the_picture_was_made_with(monkeypatch, capsys):
-    text = (ROOT / "docs" / "estimates.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"<!-- example: begin -->\n```python\n(.*?)```", text, re.DOTALL)
-    monkeypatch.chdir(ROOT)
-    names = {}
-    exec(example, names)
-    value = names["picture"].parameters(names["solution"].value)["vitreous.alpha"]
-    assert float(value) == pytest.approx(0.7, abs=1e-6)
-    assert capsys.readouterr().out.rstrip().endswith("0")
 
 
 @pytest.mark.slow
