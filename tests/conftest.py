@@ -35,7 +35,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 # In the numerical core every annotation of a shape or a type is checked at run time. The modules at the edges answer
 # bad input with errors of their own instead. This must come before the package is imported.
-CORE = "util.numerics scene.scene optics tracer.geometry tracer.visibility tracer.shading"
+CORE = "util.numerics scene.structs scene.scene optics tracer.geometry tracer.visibility tracer.shading"
 CORE += " tracer.levels tracer.world tracer.run tracer.pixels tracer.pure tracer.rendering tracer.derivatives"
 CORE += " tracer.ray_tree"
 CORE += " inverse.problem inverse.observe inverse.judge inverse.solve inverse.status inverse.estimate"

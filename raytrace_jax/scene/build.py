@@ -20,7 +20,8 @@ from typing import Any
 from jax.typing import DTypeLike
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.scene.rows import Description, Origin, assemble, describe, floating
+from raytrace_jax.scene.assemble import assemble, floating
+from raytrace_jax.scene.rows import Description, Origin, describe
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import BlockType, DerivedDefault
 from raytrace_jax.scene.setting_words import ModelName
@@ -119,9 +120,7 @@ def _explanation(row: BlockType) -> str:
     return "\n".join(lines)
 
 
-def _written(
-    default: tuple[float, ...] | DerivedDefault | str | None,
-) -> tuple[float, ...] | float | str | None:
+def _written(default: tuple[float, ...] | DerivedDefault | str | None) -> Any:
     """A default as one writes it: a single number is not in a row, and what follows from others is left out."""
     if isinstance(default, DerivedDefault):
         return None

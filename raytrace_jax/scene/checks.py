@@ -6,11 +6,11 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.scene.parameters import material_of, scene_types, shape_blocks
-from raytrace_jax.scene.response import RGB
-from raytrace_jax.scene.scene import ImagePlaneCamera, Scene, least_distance, world_length
-from raytrace_jax.scene.schema import NOT_ALL_ZERO, POSITIVE
+from raytrace_jax.scene.parameters import attribute_values, material_of, shape_blocks
+from raytrace_jax.scene.scene import Scene, least_distance, world_length
+from raytrace_jax.scene.schema import NOT_ALL_ZERO, POSITIVE, RGB
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.structs import ImagePlaneCamera
 from raytrace_jax.util.numerics import is_traced
 from raytrace_jax.util.text import listed
 
@@ -33,26 +33,20 @@ def check_values(scene: Scene) -> None:
     is_known = len(leaves) == len(_checked) and all(map(lambda leaf, known: leaf is known, leaves, _checked))
     if is_known or is_traced(leaves):
         return
-    for row in scene_types(scene):
-        group = getattr(scene, row.group)
-        for attribute in row.continuous:
-            values = np.asarray(getattr(group, attribute.name))
-            # An axis of components and one of blocks.
-            values = values.reshape(attribute.value_count, -1)
-            wrong = ~np.all(np.isfinite(values), axis=0)
-            limit = attribute.limit if attribute.limit in _NEEDED else None
-            if limit:
-                # Pictures and derivatives are divided by powers of it: what has no fourth one in its dtype is as 0.
-                felt = np.where(np.abs(values) < np.finfo(values.dtype).tiny ** 0.25, 0, values)
-                wrong |= np.array([not limit.holds(of_block) for of_block in felt.T], bool)
-            if wrong.any():
-                column = int(np.argmax(wrong))
-                name = group.name if row.is_single else group.names[column]
-                also = f" and {limit.wanted}" if limit else ""
-                got = " ".join(map(str, values[:, column]))
-                if limit and np.all(np.isfinite(values[:, column])) and limit.holds(values[:, column]):
-                    got += f", which is too small for {values.dtype}"
-                raise SceneError(f"{row.keyword} {name!r}: {attribute.name} must be finite{also}, got {got}.")
+    for row, attribute, names, values in attribute_values(scene):
+        wrong = ~np.all(np.isfinite(values), axis=0)
+        limit = attribute.limit if attribute.limit in _NEEDED else None
+        if limit:
+            # Pictures and derivatives are divided by powers of it: what has no fourth one in its dtype is as 0.
+            felt = np.where(np.abs(values) < np.finfo(values.dtype).tiny ** 0.25, 0, values)
+            wrong |= np.array([not limit.holds(of_block) for of_block in felt.T], bool)
+        if wrong.any():
+            column = int(np.argmax(wrong))
+            also = f" and {limit.wanted}" if limit else ""
+            got = " ".join(map(str, values[:, column]))
+            if limit and np.all(np.isfinite(values[:, column])) and limit.holds(values[:, column]):
+                got += f", which is too small for {values.dtype}"
+            raise SceneError(f"{row.keyword} {names[column]!r}: {attribute.name} must be finite{also}, got {got}.")
     if scene.model == "physical":
         _check_glass(scene)
     # What can be written to may be another scene the next time.
@@ -138,12 +132,8 @@ def _is_set(value: object) -> bool:
 
 def _has_light(scene: Scene, model: ModelName) -> bool:
     """Whether anything in a scene sends light of its own."""
-    own = "emission" if model == "physical" else "ambient"
-    materials = [getattr(scene, row.group) for row in scene_types(scene) if row.keyword == "material"]
-    sources = [scene.lights.emissivity, *(getattr(group, own) for group in materials)]
-    if model == "physical" and scene.background is not None:
-        sources.append(scene.background.radiance)
-    return any(map(_is_set, sources))
+    sources = {"emissivity", "emission", "radiance"} if model == "physical" else {"emissivity", "ambient"}
+    return any(_is_set(values) for _, attribute, _, values in attribute_values(scene) if attribute.name in sources)
 
 
 def _unlit_shapes(scene: Scene, model: ModelName) -> list[str]:
@@ -159,26 +149,16 @@ def _unlit_shapes(scene: Scene, model: ModelName) -> list[str]:
 
 def is_gray(scene: Scene) -> bool:
     """Whether nothing in a scene has a colour: its picture has three equal channels."""
-    colours = [
-        np.asarray(getattr(getattr(scene, row.group), attribute.name))
-        for row in scene_types(scene)
-        for attribute in row.continuous
-        if attribute.components == RGB
-    ]
+    colours = [values for _, attribute, _, values in attribute_values(scene) if attribute.components == RGB]
     return all(bool(jnp.all(colour == colour[:1])) for colour in [*colours, *scene.images.texels])
 
 
 def _unused_attributes(scene: Scene, model: ModelName) -> dict[ModelName, list[str]]:
     """The attributes that blocks of the scene set and this model does not have, by a model that has them."""
     found: dict[ModelName, list[str]] = {}
-    for row in scene_types(scene):
-        group = getattr(scene, row.group)
-        owners = (group.name,) if row.is_single else group.names
-        for attribute in row.continuous:
-            if not attribute.is_used_by(model) and isinstance(attribute.default, tuple):
-                values = np.asarray(getattr(group, attribute.name)).reshape(attribute.value_count, -1)
-                is_set = np.any(values != np.reshape(attribute.default, (-1, 1)), axis=0)
-                names = [f"{owners[column]}.{attribute.name}" for column in np.flatnonzero(is_set)]
-                if names:
-                    found.setdefault(attribute.only_models[0], []).extend(names)
+    for _, attribute, owners, values in attribute_values(scene):
+        if not attribute.is_used_by(model) and isinstance(attribute.default, tuple):
+            is_set = np.any(values != np.reshape(attribute.default, (-1, 1)), axis=0)
+            if names := [f"{owners[column]}.{attribute.name}" for column in np.flatnonzero(is_set)]:
+                found.setdefault(attribute.only[0], []).extend(names)
     return found

@@ -6,7 +6,8 @@ unless the shape has such an attribute itself.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,12 +17,12 @@ import numpy as np
 from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.response import FILM, OF_THE_CAMERA, RGB, neutral_response
+from raytrace_jax.scene.response import FILM, OF_THE_CAMERA, neutral_response
 from raytrace_jax.scene.rows import Value, as_array
 from raytrace_jax.scene.scene import Scene, check_scene
-from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType
+from raytrace_jax.scene.schema import NO_BLOCK, RGB, Attribute, BlockType
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.table import BLOCK_TYPES, COMPONENT_NAMES
+from raytrace_jax.scene.table import BLOCK_TYPES, COMPONENT_NAMES, SHAPE_KEYWORDS
 from raytrace_jax.util.numerics import is_traced
 from raytrace_jax.util.text import did_you_mean, listed, parse_number, quoted
 
@@ -40,10 +41,7 @@ class Block(NamedTuple):
 
     def read(self, scene: Scene, attribute_name: str) -> Any:
         """The value of an attribute: an array of a continuous one, of others whatever they are."""
-        values = getattr(getattr(scene, self.type.group), attribute_name)
-        if self.column is None:
-            return values
-        return values[self.column] if isinstance(values, tuple) else values[..., self.column]
+        return Address(self.type.group, attribute_name, self.column).read(scene)
 
     def read_all(self, scene: Scene) -> dict[str, Any]:
         """The values of all attributes that are numbers, by their names."""
@@ -51,41 +49,43 @@ class Block(NamedTuple):
 
     def refers_to(self, scene: Scene, attribute_name: str) -> "Block | None":
         """The block that an attribute names, or None."""
-        attribute = self.type.find(attribute_name)
-        assert attribute is not None
         column = self.read(scene, attribute_name)
-        return None if column == NO_BLOCK else blocks_of(scene, attribute.refers_to)[column]
+        # An attribute that names a block is called by that block's keyword.
+        return None if column == NO_BLOCK else blocks_of(scene, attribute_name)[column]
 
 
-def scene_types(scene: Scene) -> list[BlockType]:
-    """The rows of the table that the scene's fields follow. Raises SceneError for what is no scene."""
+def _groups(scene: Scene) -> Iterator[tuple[BlockType, Any, tuple[str, ...]]]:
+    """The types of blocks that a scene has, each with its struct and the names of its blocks. Raises SceneError."""
     check_scene(scene)
-    return [row for rows in BLOCK_TYPES.values() for row in rows if isinstance(getattr(scene, row.group), row.struct)]
-
-
-def _of_types(scene: Scene, is_wanted: Callable[[BlockType], bool]) -> list[Block]:
-    found = []
-    for row in filter(is_wanted, scene_types(scene)):
+    for row in chain(*BLOCK_TYPES.values()):
         group = getattr(scene, row.group)
-        names = [(group.name, None)] if row.is_single else zip(group.names, range(len(group.names)), strict=True)
-        found += [Block(row, name, column) for name, column in names]
-    return found
+        if isinstance(group, row.struct):
+            yield row, group, (group.name,) if row.is_single else group.names
 
 
 def blocks(scene: Scene) -> list[Block]:
     """All blocks in the order in which a scene is written."""
-    return _of_types(scene, lambda row: not row.is_shape) + shape_blocks(scene)
+    others = [keyword for keyword in BLOCK_TYPES if keyword not in SHAPE_KEYWORDS]
+    return blocks_of(scene, *others) + shape_blocks(scene)
 
 
-def blocks_of(scene: Scene, keyword: str) -> list[Block]:
-    """The blocks of a keyword, type by type: a block is named by its index here."""
-    return _of_types(scene, lambda row: row.keyword == keyword)
+def blocks_of(scene: Scene, *keywords: str) -> list[Block]:
+    """The blocks of keywords, type by type: a block is named by its index among those of its keyword."""
+    groups = [(row, names) for row, _, names in _groups(scene) if row.keyword in keywords]
+    return [Block(row, name, None if row.is_single else k) for row, names in groups for k, name in enumerate(names)]
 
 
 def shape_blocks(scene: Scene) -> list[Block]:
     """The shapes in the order of the file, which is that of their indices."""
-    shapes = {block.name: block for block in _of_types(scene, lambda row: row.is_shape)}
+    shapes = {block.name: block for block in blocks_of(scene, *SHAPE_KEYWORDS)}
     return [shapes[name] for name in scene.shape_order]
+
+
+def attribute_values(scene: Scene) -> Iterator[tuple[BlockType, Attribute, tuple[str, ...], np.ndarray]]:
+    """Each attribute of numbers: its type of block, the names of its blocks, its values as (components, blocks)."""
+    for row, group, names in _groups(scene):
+        for attribute in row.continuous:
+            yield row, attribute, names, np.reshape(getattr(group, attribute.name), (attribute.value_count, len(names)))
 
 
 def material_of(scene: Scene, shape: Block) -> Block:
@@ -117,11 +117,12 @@ class Address(NamedTuple):
         """The address of the whole attribute that this parameter belongs to."""
         return self._replace(component=None)
 
-    def read(self, scene: Scene) -> Array:
-        """The parameter's value in the scene: a vector, or a scalar of shape ()."""
-        array = getattr(getattr(scene, self.group), self.field)
-        entry = array if self.column is None else array[..., self.column]
-        return entry if self.component is None else entry[self.component]
+    def read(self, scene: Scene) -> Any:
+        """The value in the scene: a vector, or a scalar of shape (); of what is no parameter whatever it is."""
+        values = getattr(getattr(scene, self.group), self.field)
+        if self.column is not None:
+            values = values[self.column] if isinstance(values, tuple) else values[..., self.column]
+        return values if self.component is None else values[self.component]
 
     def write_entry(self, scene: Scene, value: Array) -> Scene:
         """The scene with a new value of the whole attribute."""
@@ -150,8 +151,7 @@ class Parameter(NamedTuple):
         """The names and addresses of the single numbers that this parameter consists of."""
         if self.address.component is not None or not self.attribute.components:
             return [(name, self.address)]
-        components = enumerate(self.attribute.components)
-        return [(f"{name}.{component}", self.address._replace(component=i)) for i, component in components]
+        return [(f"{name}.{c}", self.address._replace(component=k)) for k, c in enumerate(self.attribute.components)]
 
 
 def resolve(scene: Scene, name: str) -> Parameter:
@@ -188,16 +188,14 @@ def _continuous(block: Block) -> list[str]:
 
 
 def _unknown_block(scene: Scene, name: str, block_name: str) -> ParameterError:
-    all_blocks = {block.name: block for block in reversed(blocks(scene))}
-    names = list(reversed(all_blocks))
-    if name in names:
-        examples = listed(f"{name}.{attribute}" for attribute in _continuous(all_blocks[name]))
-        keyword = all_blocks[name].keyword
-        return ParameterError(f"{quoted(name)} is a {keyword}, not a parameter. Its parameters are: {examples}.")
+    for block in blocks(scene):
+        if block.name == name:
+            own = listed(f"{name}.{attribute}" for attribute in _continuous(block))
+            return ParameterError(f"{quoted(name)} is a {block.keyword}, not a parameter. Its parameters are: {own}.")
+    names = list(dict.fromkeys(block.name for block in blocks(scene)))
+    what = f" is no parameter: a parameter is written block.attribute, as {names[0]}.viewpoint."
     if block_name:
         what = f": the scene has no block {quoted(block_name)}."
-    else:
-        what = f" is no parameter: a parameter is written block.attribute, as {names[0]}.viewpoint."
     guess = did_you_mean(block_name or name, names)
     return ParameterError(f"{quoted(name)}{what}{guess} Blocks of this scene: {listed(names)}.")
 
@@ -225,12 +223,9 @@ def _unknown_attribute(name: str, owners: list[Block], materials: list[Block], a
 
 
 def list_parameters(scene: Scene) -> dict[str, Array]:
-    """List every continuous parameter by its canonical name, in the order in which a scene is written.
+    """Return every continuous parameter by its canonical name, in the order in which a scene is written.
 
     The values have shape () or (2,) or (3,). A material's parameters are listed once, under the material.
-
-    Returns:
-        The values by name.
     """
     return {
         f"{block.name}.{attribute.name}": block.read(scene, attribute.name)

@@ -16,14 +16,18 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from raytrace_jax.errors import ModelFileError, ModelFileWarning
+from raytrace_jax.scene.assemble import assemble, floating
 from raytrace_jax.scene.bundled import no_such_scene, scene_path
-from raytrace_jax.scene.rows import KEYWORD, NAME, Description, Origin, assemble, floating
+from raytrace_jax.scene.rows import KEYWORD, NAME, Description, Origin
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute, is_name
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import ATTRIBUTE_NAMES, BLOCK_TYPES, SETTINGS
 from raytrace_jax.util.numerics import cast
 from raytrace_jax.util.text import did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
+
+OPENING, CLOSING = "{", "}"
+"""Parts of a block in a file, besides those that any row has."""
 
 _TOKEN = re.compile(r"(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|[^\s{}]++")
 
@@ -41,22 +45,24 @@ class Token(NamedTuple):
 class TokenStream:
     """Tokens one at a time with one token of look-ahead, `current`; the end token repeats for ever.
 
-    `comments` are those that were passed on the way to the current token.
+    `comments` are those on the way to the current token, each with the number of tokens before it.
     """
 
     def __init__(self, text: str, source: str):
         self._text = text
         self._source = source
         self._matches = _TOKEN.finditer(self._text)
-        self.comments: list[Token] = []
+        self._count = 0
+        self.comments: list[tuple[Token, int]] = []
         self.current = self._next()
 
     def _next(self) -> Token:
         for match in self._matches:
             token = Token(match.group(), match.start())
             if not match["comment"]:
+                self._count += 1
                 return token
-            self.comments.append(token)
+            self.comments.append((token, self._count))
         return Token("", len(self._text))
 
     def advance(self) -> Token:
@@ -82,7 +88,7 @@ class TokenStream:
 
 @dataclasses.dataclass
 class FileOrigin(Origin):
-    """A block's place in a file: the tokens of each of its parts, of an attribute its values."""
+    """A block's place in a file: the tokens of each of its parts in order, of an attribute its name and its values."""
 
     tokens: TokenStream = dataclasses.field(kw_only=True)
     tokens_of: dict[str, list[Token]] = dataclasses.field(kw_only=True)
@@ -96,15 +102,15 @@ class FileOrigin(Origin):
 
     def shown(self, part: str, value: Any) -> str:
         """A value as it is written."""
-        return quoted(" ".join(word.text for word in self.tokens_of[part]))
+        return quoted(" ".join(word.text for word in self.tokens_of[part][1:]))
 
     def error(self, part: str, message: str) -> ModelFileError:
-        """The error that points at a part of the block."""
-        return self.tokens.error(self.tokens_of[part][0], message)
+        """The error that points at a part of the block, of an attribute at its first value if that was read."""
+        return self.tokens.error(self.tokens_of[part][:2][-1], message)
 
 
-def _read_blocks(tokens: TokenStream, dtype: np.dtype, folder: Path) -> Iterator[Description]:
-    """The file's blocks in order."""
+def read_blocks(tokens: TokenStream, dtype: np.dtype, folder: Path) -> Iterator[Description]:
+    """A file's blocks in order. Raises ModelFileError for what is no block, or has no such attribute."""
     first: Description | None = None
     while tokens.current.text:
         block = _read_block(tokens, dtype, folder)
@@ -128,7 +134,7 @@ def _read_block(tokens: TokenStream, dtype: np.dtype, folder: Path) -> Descripti
     opening = tokens.advance()
     if opening.text != "{":
         raise tokens.error(opening, f"expected '{{' after {keyword.text} {name}, found {opening}.")
-    tokens_of = {KEYWORD: [keyword], NAME: [name]}
+    tokens_of = {KEYWORD: [keyword], NAME: [name], OPENING: [opening]}
     block = Description(keyword.text, name.text, FileOrigin(folder, tokens=tokens, tokens_of=tokens_of))
     while tokens.current.text != "}":
         if not tokens.current.text:
@@ -142,44 +148,41 @@ def _read_block(tokens: TokenStream, dtype: np.dtype, folder: Path) -> Descripti
         if attribute in block.values:
             raise tokens.error(word, f"{block} has {attribute} twice.")
         tokens_of[attribute] = [word]
-        attributes = block.admit(attribute)
-        block.values[attribute], tokens_of[attribute] = _read_values(tokens, block, attributes, dtype)
-    tokens.advance()
+        admitted = block.admit(attribute)
+        tokens_of[attribute] += _read_values(tokens, block, admitted, dtype)
+    tokens_of[CLOSING] = [tokens.advance()]
     return block
 
 
-def _read_values(
-    tokens: TokenStream, block: Description, attributes: list[Attribute], dtype: np.dtype
-) -> tuple[Any, list[Token]]:
-    """A word, or as many numbers as there are, if one of the things that the attribute can be takes so many."""
+def _read_values(tokens: TokenStream, block: Description, attributes: list[Attribute], dtype: np.dtype) -> list[Token]:
+    """Read a word, or as many numbers as one of the attributes takes, into the block; return their tokens."""
     by_count = {attribute.value_count: attribute for attribute in reversed(attributes)}
     counts, one = sorted(by_count), attributes[0]
     takes = " or ".join(by_count[count].describe() for count in counts)
-    words: list[Token] = []
-    numbers: list[float] = []
-    while len(words) < counts[-1]:
-        word = tokens.current
-        if one.is_text and not is_name(word.text):
-            raise tokens.error(word, f"in {block}, {takes}, found {word}.")
-        # Where there are enough already, only what was meant as a number is one more.
-        if len(words) in counts and not looks_like_number(word.text):
-            break
-        if not one.is_text:
-            if word.text in ("", "{", "}") or word.text in ATTRIBUTE_NAMES:
-                raise tokens.error(word, f"too few values in {block}: {takes}, found {len(words)} before {word}.")
+    read: list[Token] = []
+    values: list[Any] = []
+    # Where there are enough already, only what was meant as a number is one more.
+    while len(read) < counts[-1] and (len(read) not in counts or looks_like_number(tokens.current.text)):
+        token = tokens.current
+        if one.is_text:
+            if not is_name(token.text):
+                raise tokens.error(token, f"in {block}, {takes}, found {token}.")
+            values.append(token.text)
+        else:
+            if token.text in ("", "{", "}") or token.text in ATTRIBUTE_NAMES:
+                raise tokens.error(token, f"too few values in {block}: {takes}, found {len(read)} before {token}.")
             try:
-                number = parse_integer(word.text) if one.value_type == "integer" else parse_number(word.text)
+                is_whole = one.value_type == "integer"
+                values.append(int(parse_integer(token.text)) if is_whole else parse_number(token.text))
             except ValueError as reason:
-                raise tokens.error(word, f"in {block}, {takes}, but {reason}.") from None
-            if one.value_type == "number" and not np.isfinite(cast(np.asarray(number), dtype)):
-                raise tokens.error(word, f"in {block}, {one.name} {word} is too large, it is infinite in {dtype}.")
-            numbers.append(int(number) if one.value_type == "integer" else number)
-        words.append(tokens.advance())
+                raise tokens.error(token, f"in {block}, {takes}, but {reason}.") from None
+            if one.value_type == "number" and not np.isfinite(cast(np.asarray(values[-1]), dtype)):
+                raise tokens.error(token, f"in {block}, {one.name} {token} is too large, it is infinite in {dtype}.")
+        read.append(tokens.advance())
     if looks_like_number(tokens.current.text):
         raise tokens.error(tokens.current, f"too many values: {takes}, then comes {tokens.current}.")
-    if one.is_text:
-        return words[0].text, words
-    return tuple(numbers) if by_count[len(numbers)].components else numbers[0], words
+    block.values[one.name] = tuple(values) if by_count[len(values)].components else values[0]
+    return read
 
 
 def parse_scene(
@@ -212,12 +215,8 @@ def parse_scene(
         raise tokens.error(tokens.current, "the file is empty: a scene has at least a camera block.")
 
     # A generator: the first error in the order of the file is raised, be it within a block or between two.
-    blocks = _read_blocks(tokens, float_dtype, Path(folder))
+    blocks = read_blocks(tokens, float_dtype, Path(folder))
     return assemble(blocks, float_dtype, model, lambda message: tokens.error(tokens.current, message))
-
-
-LARGEST_FILE = 64 * 2**20
-"""Bytes of a file at most, so that a picture or an endless device given by mistake fails at once."""
 
 
 def load_scene(
@@ -233,17 +232,19 @@ def load_scene(
         ModelFileError: the file cannot be read or is not a scene, as `parse_scene`.
     """
     path = scene_path(path)
+    # So that a picture or an endless device given by mistake fails at once.
+    most_bytes = 64 * 2**20
     try:
-        with Path(path).open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
+        with path.open("rb") as file:
+            content = file.read(most_bytes + 1)
     except FileNotFoundError:
         raise ModelFileError(no_such_scene(path)) from None
     except IsADirectoryError:
         raise ModelFileError(f"{path}: this is a directory, a model.txt file is wanted.") from None
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL character
         raise ModelFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}.") from None
-    if len(content) > LARGEST_FILE:
-        raise ModelFileError(f"{path}: larger than {LARGEST_FILE // 2**20} MiB, this is not a model.txt.")
+    if len(content) > most_bytes:
+        raise ModelFileError(f"{path}: larger than 64 MiB, this is not a model.txt.")
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -252,4 +253,4 @@ def load_scene(
         raise ModelFileError(
             f"{path}:{line}:{column}: byte 0x{content[error.start]:02x} is not UTF-8: a model.txt is plain text."
         ) from None
-    return parse_scene(text, source=str(path), dtype=dtype, model=model, folder=Path(path).parent)
+    return parse_scene(text, source=str(path), dtype=dtype, model=model, folder=path.parent)

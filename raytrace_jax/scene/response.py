@@ -1,9 +1,9 @@
 """The camera's response to the light of a scene, before its numbers are stored: an effect is a row of one table.
 
 An effect changes a scene-linear picture; it is a function of the picture, of its value and of the frame, differentiable
-in picture and value. From its row follow the attribute of the block `film`, and with it the name `film.gain.r` under
-which it is set, freed, given a prior or stated to be uncertain; what the check of a model tests; and what the
-documentation says. A new effect is its function and its row here and a field of `scene.CameraResponse`.
+in picture and value. Its value is a field of `structs.CameraResponse`, with the name `film.gain.r` under which it is
+set, freed, given a prior or stated to be uncertain; the check of a model tests the rows. A new effect is its function
+and its row here and a field there.
 """
 
 import dataclasses
@@ -17,15 +17,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.scene.scene import CameraResponse
-from raytrace_jax.scene.schema import ABOVE_ZERO, AMOUNT, NOT_NEGATIVE, POSITIVE, Attribute, Quantity, less_than
+from raytrace_jax.scene.schema import Attribute, declared_attributes
+from raytrace_jax.scene.structs import CameraResponse
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import with_lower_ranks
 
 FILM = "film"
 """The keyword of a response's block, the name of a block that no file names, and the response's field in a scene."""
-
-RGB = ("r", "g", "b")
 
 LEAST_LIGHT = 1e-3
 """Below this fraction of white a power goes on as its tangent, as light of 0 or less has no power."""
@@ -83,7 +81,7 @@ class FilmEffect(NamedTuple):
             form.
     """
 
-    attribute: Attribute
+    name: str
     apply: Callable[[Picture, Array, Frame], Picture]
     step: float
     advice: str
@@ -92,9 +90,9 @@ class FilmEffect(NamedTuple):
     is_linear: bool = False
 
     @property
-    def name(self) -> str:
-        """The name of its attribute."""
-        return self.attribute.name
+    def attribute(self) -> Attribute:
+        """The attribute that a film has it by, as `CameraResponse` declares it."""
+        return next(one for one in declared_attributes(CameraResponse) if one.name == self.name)
 
     @property
     def unit(self) -> str:
@@ -110,31 +108,18 @@ class FilmEffect(NamedTuple):
 
 
 FILM_EFFECTS = (
+    FilmEffect("vignetting", darken_corners, 1e-3, "free it, or correct the picture"),
     FilmEffect(
-        Attribute("vignetting", default=(0.0,), limit=less_than(1, -1), quantity=Quantity(ranges=((-1.0, 1.0),))),
-        *(darken_corners, 1e-3, "free it, or correct the picture"),
-    ),
-    FilmEffect(
-        Attribute("blur", default=(0.0,), limit=NOT_NEGATIVE, quantity=Quantity("pixel", ranges=ABOVE_ZERO)),
+        "blur",
         lambda image, blur, frame: gaussian_blur(image, blur / frame.binning),
-        *(0.7, "free it, or blur as the target is"),
+        0.7,
+        "free it, or blur as the target is",
         start=0.7,
         is_squared=True,
     ),
-    FilmEffect(
-        Attribute("gain", RGB, default=(1.0, 1.0, 1.0), limit=POSITIVE, quantity=AMOUNT),
-        *(lambda image, gain, frame: image * gain[:, None, None], 1e-3, "free it"),
-        is_linear=True,
-    ),
-    FilmEffect(
-        Attribute("offset", RGB, default=(0.0, 0.0, 0.0), quantity=Quantity(is_light=True)),
-        *(lambda image, offset, frame: image + offset[:, None, None], 1e-3, "free it"),
-        is_linear=True,
-    ),
-    FilmEffect(
-        Attribute("gamma", default=(1.0,), limit=POSITIVE, quantity=AMOUNT),
-        *(power, 1e-4, "free it, or state how the colours were stored (--transfer)"),
-    ),
+    FilmEffect("gain", lambda image, gain, frame: image * gain[:, None, None], 1e-3, "free it", is_linear=True),
+    FilmEffect("offset", lambda image, shift, frame: image + shift[:, None, None], 1e-3, "free it", is_linear=True),
+    FilmEffect("gamma", power, 1e-4, "free it, or state how the colours were stored (--transfer)"),
 )
 """All effects, in the order in which they take effect: on the way through the lens, on the sensor, in storage."""
 
@@ -143,7 +128,7 @@ OF_THE_CAMERA = {
     "magnification": "the camera's fov, or the worlddim of a course's camera",
     "distortion": "the distortion of a camera with lookat",
 }
-"""What a camera's block says instead, of what a film's cannot do: it moves rays, not finished pictures."""
+"""Effects that belong to the block of the camera, as they move rays: each with the hint of an error message."""
 
 
 @with_lower_ranks

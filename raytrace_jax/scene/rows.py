@@ -1,40 +1,34 @@
-"""Rows: blocks as a file, a program or a dict says them, each with where it was said, and the scene that they make.
+"""Rows: blocks as a file, a program or a dict says them, each with where it was said.
 
-A row is a `Description` of plain values. `assemble` checks each on its own (values, limits, what goes together), fills
-in defaults, checks what holds between blocks (names, references, one camera), and makes the scene.
+A row is a `Description` of plain values. It is checked on its own: values, limits, what goes together; and its defaults
+are filled in.
 """
 
 import dataclasses
 import operator
 import os
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike, DTypeLike
-from jaxtyping import Array, Float
+from jax.typing import ArrayLike
+from jaxtyping import Array
 
-from raytrace_jax.errors import PictureError, RaytraceError, SceneError, SceneWarning
-from raytrace_jax.images.pictures import read_picture, states_colours
+from raytrace_jax.errors import RaytraceError, SceneError
 from raytrace_jax.scene.response import FILM, OF_THE_CAMERA
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType, is_name
+from raytrace_jax.scene.schema import Attribute, BlockType, is_name
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.table import BLOCK_TYPES, SETTINGS, SHAPE_KEYWORDS
-from raytrace_jax.util.numerics import cast, is_traced, real_numbers
-from raytrace_jax.util.text import did_you_mean, listed, quoted, sentence
+from raytrace_jax.scene.table import BLOCK_TYPES
+from raytrace_jax.util.numerics import cast, is_traced
+from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 Value = ArrayLike | Iterable[ArrayLike]
 
 KEYWORD, NAME = "keyword of the block", "name of the block"
 """Parts of a block that an error may be about, besides its attributes, which go by their names."""
-
-SINGLE_KEYWORDS = tuple(keyword for keyword, types in BLOCK_TYPES.items() if types[0].is_single)
 
 
 @dataclasses.dataclass
@@ -95,15 +89,14 @@ class Description:
 
     def admit(self, attribute_name: str) -> list[Attribute]:
         """What the attribute of this name can be. Raises the origin's error if none goes with what is there already."""
-        found = [attribute for row in self.types if (attribute := row.find(attribute_name))]
-        if found:
+        if found := _named(self.types, attribute_name):
             return found
         rows = BLOCK_TYPES[self.keyword]
         owners = [row for row in rows if row.find(attribute_name)]
         if owners:
             strangers = []
             for name, value in self.values.items():
-                shared = [attribute for row in owners if (attribute := row.find(name))]
+                shared = _named(owners, name)
                 if not any(attribute.takes(value) for attribute in shared):
                     strangers.append(f"{name} of {np.size(value)} numbers" if shared else name)
             message = (
@@ -127,7 +120,7 @@ class Description:
             RaytraceError: of the origin: a value is wrong, something lacks or does not go together.
         """
         types = self.types
-        values = {name: self._value(name, [a for row in types if (a := row.find(name))], dtype) for name in self.values}
+        values = {name: self._value(name, _named(types, name), dtype) for name in self.values}
         types = dataclasses.replace(self, values=values).types
         missing = [[name for name in row.required(model) if name not in values] for row in types]
         if all(missing):
@@ -181,6 +174,11 @@ class Description:
         return array
 
 
+def _named(rows: Iterable[BlockType], name: str) -> list[Attribute]:
+    """The attributes of this name."""
+    return [attribute for row in rows if (attribute := row.find(name))]
+
+
 def describe(keyword: str, name: str, values: Mapping[str, Any], origin: Origin) -> Description:
     """The row of a block. Raises SceneError: its name is no name, or its attributes do not go together."""
     if not isinstance(name, str) or not is_name(name):
@@ -197,161 +195,6 @@ def _either(choices: Sequence[Sequence[str]], beats: Callable[[set[str], set[str
     """The choices, each a list of words, without those that another one beats: contains, or is part of."""
     left = [words for words in choices if not any(beats(set(other), set(words)) for other in choices)]
     return "; or ".join(dict.fromkeys(map(listed, left)))
-
-
-def assemble(
-    described: Iterable[Description], dtype: np.dtype, model: ModelName | None, error: Callable[[str], RaytraceError]
-) -> Scene:
-    """The scene of described blocks; lights, materials and shapes keep their order.
-
-    Args:
-        described: the rows; settings come first.
-        model: the one as which the scene is loaded; None is that of its settings, or `classic`.
-        error: words an error that no block is to blame for.
-
-    Raises:
-        RaytraceError: a wrong value, a second camera or none, a name that is taken, or one that no block has; the
-            errors of `error` or of the blocks' origins.
-    """
-    # Blocks by keyword, and all shapes as `shape`, with what a scene must have.
-    blocks: dict[str, list[Description]] = {keyword: [] for keyword in (*BLOCK_TYPES, "shape")}
-    first_of_name: dict[tuple[str, str], Description] = {}
-    for row in described:
-        block, keyword = row.checked(dtype, model or "classic"), row.keyword
-        if keyword == SETTINGS:
-            model = model or block.values["model"]
-        if keyword in SINGLE_KEYWORDS and blocks[keyword]:
-            (first,) = blocks[keyword]
-            message = f"{block} is a second {keyword}; {first} {first.origin.is_there(KEYWORD)}, a scene has one."
-            raise block.origin.error(KEYWORD, message)
-        namespace = "shape" if keyword in SHAPE_KEYWORDS else keyword
-        first = first_of_name.setdefault((namespace, block.name), block)
-        if first is not block:
-            message = f"the {namespace} name {quoted(block.name)} is taken: {first} {first.origin.is_there(NAME)}."
-            raise block.origin.error(NAME, message)
-        blocks[keyword].append(block)
-        if namespace == "shape":
-            blocks[namespace].append(block)
-    for keyword in SINGLE_KEYWORDS:
-        if not blocks[keyword] and not BLOCK_TYPES[keyword][0].is_optional:
-            raise error(f"the scene has no {keyword}: it must have one {keyword} block.")
-    # Each type becomes one struct. Names become columns before any is made, as blocks may name those that come later. A
-    # column counts all blocks of a keyword, type by type.
-    by_type = {
-        keyword: [[block for block in blocks[keyword] if block.type is row] for row in rows]
-        for keyword, rows in BLOCK_TYPES.items()
-    }
-    column_of = {keyword: {b.name: k for k, b in enumerate(chain(*groups))} for keyword, groups in by_type.items()}
-    fields: dict[str, Any] = {}
-    for keyword, rows in BLOCK_TYPES.items():
-        for row, those in zip(rows, by_type[keyword], strict=True):
-            stored = [attribute for attribute in row.attributes if attribute.is_stored]
-            if row.is_single and those:
-                # A struct of values, not of arrays.
-                (block,) = those
-                entries = {a.name: _entry(block, a, column_of) for a in stored}
-                fields[row.group] = row.struct(name=block.name, **entries)
-            elif row.is_single:
-                fields.setdefault(row.group, None)
-            else:
-                columns = {a.name: _columns(a, those, column_of, dtype) for a in stored}
-                file = next((a.name for a in stored if a.value_type == "file"), None)
-                pictures = {"texels": tuple(_read_texels(block, file, dtype) for block in those)} if file else {}
-                fields[row.group] = row.struct(names=tuple(block.name for block in those), **columns, **pictures)
-    _check_mappings(blocks)
-    return Scene(**fields, model=model or "classic", shape_order=tuple(block.name for block in blocks["shape"]))
-
-
-def _entry(block: Description, attribute: Attribute, column_of: dict[str, dict[str, int]]) -> Any:
-    """A value of a block as a struct holds it: an array, the column of a name, or what nobody differentiates by."""
-    value = block.values[attribute.name]
-    if attribute.value_type == "number":
-        return jnp.asarray(value)
-    if attribute.value_type == "file":
-        return os.fspath(value) if isinstance(value, str | os.PathLike) else ""
-    if attribute.value_type == "name":
-        columns = column_of[attribute.refers_to]
-        if value is not None and value not in columns:
-            keyword = attribute.refers_to
-            message = (
-                f"{block} has the unknown {keyword} {quoted(value)}.{did_you_mean(value, columns)}"
-                f" {keyword.capitalize()}s in this {block.origin.whole}: {listed(columns)}."
-            )
-            raise block.origin.error(attribute.name, message)
-        return NO_BLOCK if value is None else columns[value]
-    if value is None or attribute.is_text:
-        return value
-    number = int if attribute.value_type == "integer" else float
-    return tuple(map(number, value)) if attribute.components else number(value)
-
-
-def _columns(
-    attribute: Attribute, those: list[Description], column_of: dict[str, dict[str, int]], dtype: np.dtype
-) -> Array | tuple[Any, ...]:
-    """An attribute of all blocks of a type: an array, components first and one column a block, or static values."""
-    if attribute.value_type != "number":
-        return tuple(_entry(block, attribute, column_of) for block in those)
-    rows = [block.values[attribute.name] for block in those]
-    # Stacked by NumPy where it can be: thousands of small JAX arrays take seconds.
-    if not is_traced(rows):
-        return jnp.asarray(np.array(rows, dtype).reshape(len(rows), *attribute.shape).T)
-    return jnp.stack(rows, axis=-1)
-
-
-def _check_mappings(blocks: dict[str, list[Description]]) -> None:
-    """Refuse textures where they have no mapping."""
-    textures = {block.name: block for block in blocks["texture"]}
-    materials = {block.name: block for block in blocks["material"]}
-    # A shape has its texture through its material, a background has its own.
-    uses = [(shape, "material", materials[shape.values["material"]]) for shape in blocks["shape"]]
-    uses += [(background, "texture", background) for background in blocks["background"]]
-    for block, part, owner in uses:
-        texture = textures.get(owner.values["texture"])
-        if texture and texture.type.group not in block.type.textures:
-            through = "" if owner is block else f"the {owner} with "
-            able = [row.keyword for rows in BLOCK_TYPES.values() for row in rows if texture.type.group in row.textures]
-            raise block.origin.error(
-                part,
-                f"{block} has {through}the {texture}: a {block.keyword} has no mapping for the kind "
-                f"{quoted(texture.values['kind'])}; a {' or '.join(able)} has one.",
-            )
-
-
-def _read_texels(block: Description, attribute_name: str, dtype: np.dtype) -> Float[Array, "3 height width"]:
-    """The picture of a texture, scene-linear: a file, relative to the origin's folder, or from Python an array.
-
-    Raises:
-        RaytraceError: of the block's origin: a file that is missing, broken or does not say how its numbers were made;
-            an absolute path in a scene's file; an array that is no picture.
-    """
-
-    def refuse(what: object) -> RaytraceError:
-        return block.origin.error(attribute_name, sentence(f"in {block}, {what}"))
-
-    value = block.values[attribute_name]
-    if not isinstance(value, str | os.PathLike):
-        shape = np.shape(value)
-        if len(shape) != 3 or shape[0] != 3 or 0 in shape:
-            raise refuse(f"file takes a path or an array of shape (3, height, width), got one of shape {shape}")
-        try:
-            picture = jnp.asarray(value if is_traced(value) else real_numbers(value), dtype)
-        except ValueError as reason:
-            raise refuse(f"file {reason}") from None
-        if not is_traced(value) and not bool(jnp.all(jnp.isfinite(picture))):
-            raise refuse("file has an array with numbers that are masked or not finite")
-        return picture
-    path = Path(value)
-    if path.is_absolute() and block.origin.wants_relative_paths:
-        raise refuse(f"{quoted(str(path))} is an absolute path: a texture's is relative to the scene file")
-    found = block.origin.folder / path
-    try:
-        transfer = block.values["transfer"]
-        if transfer is None and not states_colours(found):
-            how = "does not say how its numbers were made: add transfer srgb or course"
-            raise refuse(f"the picture {quoted(str(value))} {how}")
-        return jnp.asarray(read_picture(found, transfer=transfer), dtype)
-    except PictureError as reason:
-        raise refuse(f"the texture cannot be read: {reason}") from None
 
 
 def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | np.ndarray:
@@ -375,25 +218,3 @@ def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | n
     if not is_traced(array) and not np.all(np.isfinite(array)):
         raise ValueError(f"must be finite in {dtype}, got {quoted(str(value))}")
     return array
-
-
-def floating(dtype: DTypeLike | None) -> np.dtype:
-    """The dtype that JAX makes of one, or of None.
-
-    Raises:
-        TypeError: it is not a floating type.
-
-    Warns:
-        SceneWarning: float64 is asked for while JAX computes without it.
-    """
-    float_dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
-    if not jnp.issubdtype(float_dtype, jnp.floating):
-        raise TypeError(f"dtype must be a floating type, got {float_dtype}")
-    # Python's `float` is whichever JAX computes in.
-    if dtype is not None and dtype is not float and np.dtype(dtype) != float_dtype:
-        warnings.warn(
-            f"the scene is in {float_dtype}: {np.dtype(dtype)} needs jax.config.update('jax_enable_x64', True) before.",
-            SceneWarning,
-            stacklevel=4,
-        )
-    return float_dtype

@@ -1,10 +1,12 @@
-"""The schema: what an attribute of a block may hold, what quantity its numbers are, what attributes a block has."""
+"""The words of a declaration: what an attribute of a block may hold, and what quantity its numbers are."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
+import equinox as eqx
 import numpy as np
 
 from raytrace_jax.scene.setting_words import ModelName
@@ -12,6 +14,8 @@ from raytrace_jax.util.text import is_unicode
 
 NO_BLOCK = -1
 """The column of a name that a block does without."""
+
+XY, XYZ, RGB = ("x", "y"), ("x", "y", "z"), ("r", "g", "b")
 
 Range = tuple[float, float]
 
@@ -24,18 +28,18 @@ class Limit(NamedTuple):
 
 
 def between(least: float, most: float, wanted: str = "") -> Limit:
-    """The limit that values are neither less nor more than these numbers."""
-    return Limit(
-        lambda values: bool(np.all((values >= least) & (values <= most))), wanted or f"from {least:g} to {most:g}"
-    )
+    """The limit that values lie in a closed interval."""
+    wanted = wanted or f"from {least:g} to {most:g}"
+    return Limit(lambda values: bool(np.all((values >= least) & (values <= most))), wanted)
 
 
 def less_than(most: float, least: float) -> Limit:
-    """The limit that values are less than a number, and not less than another one."""
+    """The limit that values lie in a half-open interval."""
     wanted = f"{least:g} or greater and less than {most:g}"
     return Limit(lambda values: bool(np.all((values >= least) & (values < most))), wanted)
 
 
+UNIT_INTERVAL = between(0, 1)
 POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
 NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
 NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other than 0 0 0")
@@ -89,7 +93,6 @@ class Quantity(NamedTuple):
 
 ABOVE_ZERO = ((0.0, math.inf),)
 
-NUMBER = Quantity()
 AMOUNT = Quantity(ranges=ABOVE_ZERO)
 """A number of 0 or more, a colour among them: one that starts negative may stay so, as no range holds it."""
 
@@ -116,22 +119,19 @@ class DerivedDefault:
 
 
 class Attribute(NamedTuple):
-    """One attribute of a block, with the same name in the file and in the scene's pytree.
+    """One attribute of a block: what the field of a struct declares, under the field's name, by `attribute`.
 
     Args:
         name: the word before its values.
         components: what its numbers are called, such as x y z; empty for a single value.
         value_type: what its values are. A `number` is continuous; all else is static: an `integer`, a `constant` (a
-            number that nobody differentiates by), a `word` of some, the `name` of another block, a `file`.
+            non-differentiable number), a `word` of some, the `name` of another block, a `file`.
         default: the values of a block that does not say, or how they follow from others; None if it has to say.
         model_defaults: the default under a model where it is another one.
-        only_models: the models to which it means something; empty if all have it.
-        choices: for a word, those that there are. Of a single one only the file knows: it tells blocks of one keyword
-            apart.
-        refers_to: for a name, the keyword of the blocks that it names.
-        is_optional: a block may do without it; it then has the value None (of a name, the column `NO_BLOCK`).
-        without: what holds where an optional one is not said, for people; empty for nothing.
-        how_to_change: where it is no number, how it is changed, as the end of an error message.
+        only: the models to which it means something; empty if all have it.
+        choices: for a word, those that there are.
+        without: what holds where an optional one is not said, for people; empty for nothing. A block has to have what
+            is not optional: then it is None.
     """
 
     name: str
@@ -139,14 +139,11 @@ class Attribute(NamedTuple):
     value_type: Literal["number", "integer", "constant", "word", "name", "file"] = "number"
     default: tuple[float, ...] | str | DerivedDefault | None = None
     model_defaults: Mapping[str, tuple[float, ...]] = {}
-    only_models: tuple[ModelName, ...] = ()
+    only: tuple[ModelName, ...] = ()
     limit: Limit | None = None
-    quantity: Quantity = NUMBER
+    quantity: Quantity = Quantity()
     choices: tuple[str, ...] = ()
-    refers_to: str = ""
-    is_optional: bool = False
-    without: str = ""
-    how_to_change: str = ""
+    without: str | None = None
 
     def default_of(self, model: ModelName, read: Callable[[str], Any]) -> tuple[float, ...] | str | None:
         """The values in a block without the attribute; None if there are none. `read` has its values by name."""
@@ -157,7 +154,17 @@ class Attribute(NamedTuple):
 
     def is_used_by(self, model: str) -> bool:
         """Whether it means something to a model."""
-        return model in (self.only_models or (model,))
+        return model in (self.only or (model,))
+
+    @property
+    def is_optional(self) -> bool:
+        """Whether a block may do without it: it then has the value None (of a name, the column `NO_BLOCK`)."""
+        return self.without is not None
+
+    @property
+    def refers_to(self) -> str:
+        """For a name, the keyword of the blocks that it names: the attribute is called by it."""
+        return self.name if self.value_type == "name" else ""
 
     @property
     def is_text(self) -> bool:
@@ -166,7 +173,7 @@ class Attribute(NamedTuple):
 
     @property
     def is_stored(self) -> bool:
-        """Whether the block's struct has a field for it."""
+        """Whether the block's struct has a field for it; a word without a choice only tells kinds of blocks apart."""
         return len(self.choices) != 1
 
     def takes(self, value: Any) -> bool:
@@ -202,9 +209,48 @@ class Attribute(NamedTuple):
         components = f" ({' '.join(self.components)})" if self.components else ""
         return f"{self.name} takes {self.value_count} {word}{'s' if self.value_count > 1 else ''}{components}"
 
+    @property
+    def how_to_change(self) -> str:
+        """How to change what is no parameter, as the end of an error message; empty for a number."""
+        if self.value_type == "file":
+            return "it is the name of a file; change it in the scene's file."
+        if self.is_text:
+            return f"it is a {self.value_type}; change it in the file."
+        if self.components and self.value_type == "integer":
+            return "it is a count of pixels; set the picture's size with the size option."
+        return "" if self.value_type == "number" else "it is a setting; use its option."
+
     def violation(self, values: np.ndarray) -> str | None:
         """The limit that finite values break, in words, or None."""
         return f"{self.name} must be {self.limit.wanted}" if self.limit and not self.limit.holds(values) else None
+
+
+def attribute(components: tuple[str, ...] = (), *, after: str = "", **declared: Any) -> Any:
+    """The field of a struct that is an attribute of its blocks: static unless its values are numbers.
+
+    Args:
+        after: the attribute after which a file has it; empty for the one declared before.
+        declared: what `Attribute` has, without its name, which is that of the field.
+    """
+    one = Attribute("", components, **declared)
+    return eqx.field(static=one.value_type != "number", metadata={"attribute": one, "after": after})
+
+
+def word(choices: object, default: str | None = None, **declared: Any) -> Any:
+    """The field of an attribute whose value is one word of a `Literal`."""
+    return attribute(value_type="word", choices=get_args(choices), default=default, **declared)
+
+
+@functools.cache
+def declared_attributes(struct: type) -> tuple[Attribute, ...]:
+    """The attributes that a struct's fields declare, in the order in which a file has them."""
+    found: list[Attribute] = []
+    for field in dataclasses.fields(struct):
+        if "attribute" in field.metadata:
+            before = [one.name for one in found]
+            place = before.index(field.metadata["after"]) + 1 if field.metadata["after"] else len(found)
+            found.insert(place, field.metadata["attribute"]._replace(name=field.name))
+    return tuple(found)
 
 
 class BlockType(NamedTuple):
@@ -214,9 +260,7 @@ class BlockType(NamedTuple):
         keyword: the word that begins such a block; types with one keyword are told apart by their attributes.
         group: the `Scene` field that holds all blocks of this type.
         struct: what is in that field: with a name if a scene has one such block, with a column for each of many if not.
-        is_single: a scene has one block of this keyword.
-        is_optional: or none: then the field is None.
-        is_shape: rays can hit it; it has a material, and a place in `shape_order`.
+        is_optional: a scene may do without the one block: then the field is None.
         textures: the groups of the textures that have a mapping on it.
     """
 
@@ -225,10 +269,18 @@ class BlockType(NamedTuple):
     struct: type[Any]
     attributes: tuple[Attribute, ...]
     checks: tuple[Check, ...] = ()
-    is_single: bool = False
     is_optional: bool = False
-    is_shape: bool = False
     textures: tuple[str, ...] = ()
+
+    @property
+    def is_single(self) -> bool:
+        """Whether a scene has one block of this keyword."""
+        return any(field.name == "name" for field in dataclasses.fields(self.struct))
+
+    @property
+    def is_shape(self) -> bool:
+        """Whether rays can hit it: it has a material, and a place in `shape_order`."""
+        return self.find("material") is not None
 
     def find(self, attribute_name: str) -> Attribute | None:
         """The attribute of this name, or None."""
@@ -241,8 +293,8 @@ class BlockType(NamedTuple):
 
     def required(self, model: ModelName) -> tuple[str, ...]:
         """The names of the attributes that have no default."""
-        defaults = [(a, a.model_defaults.get(model, a.default)) for a in self.attributes if not a.is_optional]
-        return tuple(attribute.name for attribute, default in defaults if default is None)
+        needed = (a for a in self.attributes if not a.is_optional and a.model_defaults.get(model, a.default) is None)
+        return tuple(attribute.name for attribute in needed)
 
     def complaint(self, values: Mapping[str, np.ndarray]) -> tuple[Check, str] | None:
         """The first check that a block's values break, and what is wrong; checks with values missing are left out."""

@@ -2,8 +2,8 @@
 
 import dataclasses
 import os
+import warnings
 from collections import defaultdict
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,21 +13,20 @@ from raytrace_jax.errors import ModelFileError, PictureError, SceneError
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.scene.parameters import Block, blocks, scene_model
-from raytrace_jax.scene.reader import Token, TokenStream
-from raytrace_jax.scene.scene import Images, Scene
+from raytrace_jax.scene.reader import CLOSING, OPENING, FileOrigin, Token, TokenStream, read_blocks
+from raytrace_jax.scene.rows import KEYWORD, NAME
+from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute, is_name
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.table import BLOCK_TYPES, TRANSPARENCY
+from raytrace_jax.scene.structs import Images
 from raytrace_jax.util.digits import format_number
 from raytrace_jax.util.files import write_text
-from raytrace_jax.util.text import looks_like_number, quoted
+from raytrace_jax.util.text import quoted
 
 INDENT = "    "
 
 Part = tuple[str, str, str]
 """A line of the canonical form: a block's keyword, its name, and an attribute, `OPENING` or `CLOSING`."""
-
-OPENING, CLOSING = "{", "}"
 
 TOP, END = ("", "", "top"), ("", "", "end")
 """The beginning and the end of a file."""
@@ -58,16 +57,17 @@ def read_comments(text: str) -> Comments:
     """
     stream = TokenStream(text, "")
     tokens: list[Token] = []
-    counts: list[int] = []  # How many tokens come before each comment.
-    while True:
-        counts += [len(tokens)] * (len(stream.comments) - len(counts))
-        if not stream.current.text:
-            break
-        tokens.append(stream.advance())
+    parts: list[Part] = []
+    with warnings.catch_warnings(action="ignore"):
+        for block in read_blocks(stream, np.dtype(float), Path()):
+            assert isinstance(block.origin, FileOrigin)
+            for part, its_tokens in block.origin.tokens_of.items():
+                tokens += its_tokens
+                parts += [(block.keyword, block.name, OPENING if part in (KEYWORD, NAME) else part)] * len(its_tokens)
 
-    parts = [*_parts(tokens), END]
+    parts.append(END)
     comments = Comments(defaultdict(list), defaultdict(list))
-    for count, comment in zip(counts, stream.comments, strict=True):
+    for comment, count in stream.comments:
         follows = count > 0 and stream.line(tokens[count - 1]) == stream.line(comment)
         # At the top, an empty line may lie between a comment and what follows it.
         end = tokens[0].offset if tokens else len(text)
@@ -76,28 +76,6 @@ def read_comments(text: str) -> Comments:
         part = parts[count - 1] if follows else TOP if is_top else parts[count]
         (comments.beside if follows else comments.above)[part].append(comment.text.rstrip())
     return comments
-
-
-def _parts(tokens: list[Token]) -> Iterator[Part]:
-    """The part that each token of a scene's text belongs to."""
-    keyword = name = attribute = ""
-    values_left = 0.0
-    for number, token in enumerate(tokens):
-        if not keyword:
-            keyword, name, attribute = token.text, tokens[number + 1].text, OPENING
-            values_left = 2.0  # The name and the brace.
-        elif values_left > 0 and (values_left < float("inf") or looks_like_number(token.text)):
-            values_left -= 1
-        elif token.text == CLOSING:
-            attribute = CLOSING
-        else:
-            attribute = "worlddim" if token.text == "worldim" else token.text
-            found = (row.find(attribute) for row in BLOCK_TYPES[keyword])
-            # A word, or as many numbers as there are.
-            values_left = 1.0 if any(one.is_text for one in found if one) else float("inf")
-        yield keyword, name, attribute
-        if attribute == CLOSING:
-            keyword = ""
 
 
 def format_scene(scene: Scene, *, model: ModelName | None = None, comments: str = "") -> str:
@@ -127,7 +105,7 @@ def _block_text(scene: Scene, block: Block, model: ModelName, comments: Comments
         )
     opening, closing = ((block.keyword, block.name, brace) for brace in (OPENING, CLOSING))
     lines = comments.around(opening, f"{block.keyword} {block.name} {{")
-    weights = [block.read(scene, name) for name in TRANSPARENCY if block.type.find(name)]
+    weights = [block.read(scene, name) for name in ("alpha", "transmission") if block.type.find(name)]
     is_glass = any(bool(weight != 0) for weight in weights)
     for attribute in block.type.attributes:
         part = (block.keyword, block.name, attribute.name)

@@ -12,25 +12,21 @@ from hypothesis import assume, example, given, settings
 from scenes import assert_same_scene
 
 from raytrace_jax import ModelFileError, ModelFileWarning, Scene, format_scene, load_scene, parse_scene
-from raytrace_jax.scene import scene as structs
-from raytrace_jax.scene.response import FILM_EFFECTS
-from raytrace_jax.scene.schema import NO_BLOCK
+from raytrace_jax.scene import structs
+from raytrace_jax.scene.schema import (
+    NO_BLOCK,
+    NOT_ALL_ZERO,
+    NOT_NEGATIVE,
+    POSITIVE,
+    UNIT_INTERVAL,
+    Attribute,
+    declared_attributes,
+)
 from raytrace_jax.scene.table import ATTRIBUTE_NAMES, BLOCK_TYPES, SHAPE_KEYWORDS
 from raytrace_jax.util.digits import format_number
 
 DATA = Path(__file__).parents[2] / "data"
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
-SETTINGS_WORDS = (
-    st.sampled_from([None, "classic", "additive", "physical"]),
-    st.sampled_from([None, "corner", "center"]),
-    st.none() | st.integers(0, 64),
-    st.sampled_from([None, "point", "aware"]),
-    st.none() | st.integers(1, 64),
-    st.none() | st.floats(0, float(np.finfo(np.float64).max), exclude_min=True),
-    st.none() | st.floats(min_value=0, max_value=1, exclude_max=True),
-    st.sampled_from([None, "none", "schlick"]),
-    st.sampled_from([None, "course", "physical"]),
-)
 
 
 def block_names():
@@ -41,122 +37,125 @@ def block_names():
     return st.builds(str.__add__, first, rest) | st.sampled_from(["/", "/a", "a#", "a//"])
 
 
+def values_of(attribute, width):
+    """All that a block may say of one attribute: all finite floats, -0.0 and subnormals among them."""
+    # Without both limits hypothesis draws doubles, and throws away those that are too large for single precision.
+    most = float(np.finfo(f"f{width // 8}").max)
+    if attribute.value_type == "word":
+        return st.sampled_from([*attribute.choices, *([None] if attribute.is_optional else [])])
+    if attribute.value_type == "integer":
+        whole = {"pixeldim": st.tuples(st.integers(1, 32768), st.just(1)), "max_bounces": st.integers(0, 64)}
+        return whole.get(attribute.name, st.integers(1, 64)) | (st.none() if attribute.is_optional else st.nothing())
+    if attribute.value_type == "constant":
+        return st.none() | values_of(attribute._replace(value_type="number"), 64)
+    intervals = {
+        POSITIVE: st.floats(0, most, width=width, exclude_min=True) | st.just(1.0),
+        NOT_NEGATIVE: st.floats(0, most, width=width),
+        UNIT_INTERVAL: st.floats(0, 1, width=width) | st.just(-0.0),
+    }
+    open_intervals = {
+        "vignetting": st.floats(-1, 1, width=width, exclude_max=True),
+        "least_weight": st.floats(0, 1, width=width, exclude_max=True),
+        "fov": st.floats(0, 180, width=width, exclude_min=True, exclude_max=True),
+    }
+    any_float = st.floats(-most, most, width=width)
+    return open_intervals.get(attribute.name, intervals.get(attribute.limit, any_float))
+
+
 @st.composite
 def scene_builders(draw, dtype, model):
-    """Any scene that the format can say: all finite floats of the dtype, -0.0 and subnormals among them.
+    """Any scene that the format can say.
 
     Draws a function that builds the scene: the type checks of the scene's classes use `random`, which
     hypothesis forbids while it draws.
     """
     width = 32 if dtype is np.float32 else 64
-    # Without both limits hypothesis draws doubles, and throws away those that are too large for single precision.
-    most = float(np.finfo(dtype).max)
-    any_float = st.floats(-most, most, width=width)
-    positive = st.floats(0, most, width=width, exclude_min=True) | st.just(1.0)
-    zero_up = st.floats(0, most, width=width)
-    unit = st.floats(width=width, min_value=0, max_value=1) | st.just(-0.0)
-    share = st.floats(width=width, min_value=-1, max_value=1, exclude_max=True)
-    name = block_names()
 
     def names(count: int) -> tuple[str, ...]:
-        return tuple(draw(st.lists(name, max_size=count, unique=True)))
+        return tuple(draw(st.lists(block_names(), max_size=count, unique=True)))
 
-    def array(numbers, *shape: int):
+    def array(attribute, *columns: int):
+        shape = (*attribute.shape, *columns)
         size = int(np.prod(shape))
-        values = draw(st.lists(numbers, min_size=size, max_size=size))
-        return jnp.asarray(np.array(values, dtype).reshape(shape))
+        values = draw(st.lists(values_of(attribute, width), min_size=size, max_size=size))
+        array = np.array(values, dtype).reshape(shape)
+        if attribute.limit is NOT_ALL_ZERO:
+            array = np.where(np.all(array == 0, axis=0), np.ones((), dtype), array)
+        return jnp.asarray(array)
 
-    def points(count: int):
-        return array(any_float, 3, count)
+    def block(struct, **said):
+        """What a struct of one block holds."""
+        others = [one for one in declared_attributes(struct) if one.name not in said]
+        numbers = {one.name: array(one) for one in others if one.value_type == "number"}
+        words = {one.name: draw(values_of(one, width)) for one in others if one.name not in numbers}
+        return {"name": draw(block_names()), **said, **numbers, **words}
 
-    eye = (draw(name), (draw(st.integers(1, 32768)), 1))
-    if draw(st.booleans()):
-        kind, numbers = structs.ImagePlaneCamera, (array(positive, 2), array(any_float, 3), array(any_float, 2))
-    else:
-        views = [array(any_float, 3) for _ in range(3)]
-        (perspective,) = (row for row in BLOCK_TYPES["camera"] if row.struct is structs.PerspectiveCamera)
-        between = st.floats(width=width, min_value=0, max_value=180, exclude_min=True, exclude_max=True)
-        numbers = (*views, array(between), array(any_float, 2), array(any_float, 2))
-        names_of = [attribute.name for attribute in perspective.attributes]
-        values = dict(zip(names_of, map(np.asarray, (eye[1], *numbers)), strict=True))
-        found = perspective.complaint(values)
+    def blocks(struct, names, **said):
+        """What a struct of blocks with these names holds, whose static values are said."""
+        others = [one for one in declared_attributes(struct) if one.name not in said]
+        return {"names": names, **said, **{one.name: array(one, len(names)) for one in others}}
+
+    kind = draw(st.sampled_from([structs.ImagePlaneCamera, structs.PerspectiveCamera]))
+    camera = block(kind)
+    if kind is structs.PerspectiveCamera:
+        (perspective,) = (row for row in BLOCK_TYPES["camera"] if row.struct is kind)
+        found = perspective.complaint({name: np.asarray(value) for name, value in camera.items()})
         if found and "lookat" in found[0].attributes:
-            views = [jnp.asarray(np.array(view, dtype)) for view in ((0, 0, 5), (0, -0.0, 0), (0, 1, 0))]
-            values |= dict(zip(("viewpoint", "lookat", "up"), map(np.asarray, views), strict=True))
-        distortion = numbers[5]
-        if perspective.complaint(values):
-            distortion = jnp.abs(distortion)
-        kind, numbers = structs.PerspectiveCamera, (*views, *numbers[3:5], distortion)
-    light_names = names(3)
-    lights = (light_names, points(len(light_names)), points(len(light_names)), array(zero_up, len(light_names)))
-    checker_names = names(2)
-    checks = (checker_names, *(points(len(checker_names)) for _ in range(2)))
-    checks = (*checks, array(positive, len(checker_names)), array(any_float, 2, len(checker_names)))
-    settings = (draw(name), *map(draw, SETTINGS_WORDS)) if draw(st.booleans()) else None
-    background = (draw(name), array(any_float, 3), NO_BLOCK) if draw(st.booleans()) else None
-    film = draw(name) if draw(st.booleans()) else None
-    kept = {"vignetting": share, "blur": zero_up, "gain": positive, "offset": any_float, "gamma": positive}
-    film = film and structs.CameraResponse(film, *(array(kept[e.name], *e.attribute.shape) for e in FILM_EFFECTS))
+            views = {"viewpoint": (0, 0, 5), "lookat": (0, -0.0, 0), "up": (0, 1, 0)}
+            camera |= {name: jnp.asarray(np.array(view, dtype)) for name, view in views.items()}
+        if perspective.complaint({name: np.asarray(value) for name, value in camera.items()}):
+            camera["distortion"] = jnp.abs(camera["distortion"])
+    settings = draw(st.booleans()) and block(structs.FileSettings)
+    background = draw(st.booleans()) and block(structs.Background, texture=NO_BLOCK)
+    film = draw(st.booleans()) and block(structs.CameraResponse)
+    lights, checkers = (blocks(struct, names(3)) for struct in (structs.PointLights, structs.Checkers))
+
     material_names = names(4)
-    count = len(material_names)
     kinds = sorted(draw(st.integers(0, 2)) for _ in material_names)
-    textures = tuple(draw(st.integers(NO_BLOCK, len(checker_names) - 1)) for _ in material_names)
+    textures = [draw(st.integers(NO_BLOCK, len(checkers["names"]) - 1)) for _ in material_names]
 
-    def materials(number: int):
+    def materials(struct, number: int):
         places = [place for place, kind in enumerate(kinds) if kind == number]
-        some = len(places)
-        rows = {
-            "names": tuple(material_names[place] for place in places),
-            "ior": array(positive, 3, some) if number == 2 else array(positive, some),
-            "hardness": array(zero_up, some),
-            "absorption": array(zero_up, 3, some),
-            "texture": tuple(textures[place] for place in places),
-        }
-        rows |= {word: points(some) for word in ("ambient", "diffuse", "specular", "emission")}
-        rows |= {word: array(unit, some) for word in ("alpha", "reflectivity", "fresnel", "transmission")}
-        return rows | ({"abbe": array(positive, some)} if number == 1 else {})
+        chosen = tuple(material_names[place] for place in places)
+        return blocks(struct, chosen, texture=tuple(textures[place] for place in places))
 
-    material_rows = [materials(number) for number in range(3)]
+    of_materials = [structs.Materials, structs.AbbeMaterials, structs.ChannelMaterials]
+    material_rows = [materials(struct, number) for number, struct in enumerate(of_materials)]
     shape_order = names(4) if material_names else ()
     keywords = [draw(st.sampled_from(SHAPE_KEYWORDS)) for _ in shape_order]
     plain = [place for place, texture in enumerate(textures) if texture == NO_BLOCK]
     keywords = ["plane" if keyword == "sphere" and not plain else keyword for keyword in keywords]
 
-    def shapes(wanted: str):
+    def shapes(struct, wanted: str, **said):
         chosen = tuple(name for name, keyword in zip(shape_order, keywords, strict=True) if keyword == wanted)
-        able = plain if wanted == "sphere" else range(count)
-        return chosen, tuple(draw(st.sampled_from(able)) for _ in chosen)
+        able = plain if wanted == "sphere" else range(len(material_names))
+        return blocks(struct, chosen, material=tuple(draw(st.sampled_from(able)) for _ in chosen), **said)
 
-    plane_names, plane_materials = shapes("plane")
-    normal = np.asarray(points(len(plane_names)))
-    normal = jnp.asarray(np.where(np.all(normal == 0, axis=0), np.ones((), dtype), normal))
-    planes = (plane_names, plane_materials, normal, points(len(plane_names)))
-    sphere_names, sphere_materials = shapes("sphere")
-    spheres = (sphere_names, sphere_materials, points(len(sphere_names)), array(positive, len(sphere_names)))
-    rectangle_names, rectangle_materials = shapes("rectangle")
     # One side along an axis, the other anywhere across it: exactly orthogonal.
-    axes = [draw(st.permutations(range(3))) for _ in rectangle_names]
+    axes = [draw(st.permutations(range(3))) for keyword in keywords if keyword == "rectangle"]
     sides = np.zeros((2, 3, len(axes)), dtype)
+    positive, anything = Attribute("", limit=POSITIVE), Attribute("")
     for column, (first, second, third) in enumerate(axes):
         sides[0, first, column] = np.asarray(array(positive)) * dtype(draw(st.sampled_from([1, -1])))
-        sides[1, [second, third], column] = [array(positive), array(any_float)]
+        sides[1, [second, third], column] = [array(positive), array(anything)]
     right, up = map(jnp.asarray, sides)
-    rectangles = (rectangle_names, rectangle_materials, points(len(axes)), right, up)
+    planes, spheres = shapes(structs.Planes, "plane"), shapes(structs.Spheres, "sphere")
+    rectangles = shapes(structs.Rectangles, "rectangle", right=right, up=up)
     return lambda: Scene(
         model=model,
-        settings=settings and structs.FileSettings(*settings),
-        camera=kind(*eye, *numbers),
-        film=film,
-        background=background and structs.Background(*background),
-        lights=structs.PointLights(*lights),
-        checkers=structs.Checkers(*checks),
+        settings=structs.FileSettings(**settings) if settings else None,
+        camera=kind(**camera),
+        film=structs.CameraResponse(**film) if film else None,
+        background=structs.Background(**background) if background else None,
+        lights=structs.PointLights(**lights),
+        checkers=structs.Checkers(**checkers),
         images=structs.Images((), (), (), (), (), ()),
         materials=structs.Materials(**material_rows[0]),
         abbe_materials=structs.AbbeMaterials(**material_rows[1]),
         channel_materials=structs.ChannelMaterials(**material_rows[2]),
-        planes=structs.Planes(*planes),
-        spheres=structs.Spheres(*spheres),
-        rectangles=structs.Rectangles(*rectangles),
+        planes=structs.Planes(**planes),
+        spheres=structs.Spheres(**spheres),
+        rectangles=structs.Rectangles(**rectangles),
         shape_order=shape_order,
     )
 

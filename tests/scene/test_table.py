@@ -39,13 +39,12 @@ def test_a_row_fits_its_struct_and_itself(kind):
         assert set(attribute.quantity.sized_by) <= set(names)
         assert bool(attribute.quantity.sized_by) == (attribute.quantity.scale == "block")
         assert (attribute.refers_to in BLOCK_TYPES) == (attribute.value_type == "name")
-        assert bool(attribute.how_to_change) == (attribute.value_type != "number")
         assert (attribute.value_type == "word") == bool(attribute.choices)
         assert attribute.value_type != "number" or not attribute.is_optional, "a number that is not there is no number"
         defaults = [attribute.default, *attribute.model_defaults.values()]
         if isinstance(attribute.default, DerivedDefault):
             sources = attribute.default.attributes
-            assert set(sources) <= set(kind.required("classic")) and not attribute.only_models
+            assert set(sources) <= set(kind.required("classic")) and not attribute.only
             ones = {name: np.ones(kind.find(name).shape) for name in sources}
             defaults[0] = attribute.default_of("classic", ones.__getitem__)
         for values in filter(None, defaults):

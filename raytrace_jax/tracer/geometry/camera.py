@@ -1,6 +1,6 @@
 """Cameras: the ray through each point of the picture, and the rays and footprints of pixels.
 
-A new type of camera is a struct in `scene.scene`, a row of `scene.table`, and a function and a row here.
+A new type of camera is a struct in `scene.structs`, a row of `scene.table`, and a function and a row here.
 """
 
 import functools

@@ -1,6 +1,6 @@
 """Textures as a scene has them on its shapes: which one each hit sees, where on it, and its colour there.
 
-A new type of texture is a struct in `scene.scene`, a row in `scene.table`, its look-up, and a row here.
+A new type of texture is a struct in `scene.structs`, a row in `scene.table`, its look-up, and a row here.
 """
 
 from collections.abc import Callable

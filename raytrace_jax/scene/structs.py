@@ -1,0 +1,303 @@
+"""The structs of blocks: an attribute of `model.txt` is a field, and what is known of its values is declared with it.
+
+A struct has arrays, components first and one column a block, with the blocks' `names`; or the values of the only block,
+with its `name`. Units are the file's own (one world unit); the y axis points up. Every continuous value is a JAX array,
+so that any of them can be differentiated; all else is static. `material` and `texture` hold columns of other blocks, as
+`parameters.blocks_of` counts them, or `NO_BLOCK`.
+"""
+
+import math
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.scene import setting_words as words
+from raytrace_jax.scene.schema import (
+    ABOVE_ZERO,
+    AMOUNT,
+    LENGTH,
+    LIGHT,
+    NOT_ALL_ZERO,
+    NOT_NEGATIVE,
+    PIXELS,
+    POSITIVE,
+    RGB,
+    UNIT_INTERVAL,
+    VECTOR,
+    XY,
+    XYZ,
+    DerivedDefault,
+    Limit,
+    Quantity,
+    attribute,
+    between,
+    less_than,
+    word,
+)
+
+USUAL_FOV = 39.6
+"""A camera that does not say has this horizontal angle of view, in degrees: a lens of 50 mm on a frame 36 mm wide."""
+
+SHINE = LIGHT._replace(model_dimensions={"classic": 1, "physical": 2})
+"""The colour of point lights, which the classic model divides by a distance and the physical one by its square.
+
+Ambient light has it too, of which the physical model knows nothing."""
+
+
+def _pixeldim() -> Any:
+    most = words.MAX_PICTURE_SIDE
+    return attribute(XY, value_type="integer", limit=between(1, most, f"from 1 to {most} a side"))
+
+
+def _center() -> Any:
+    def middle(sides):
+        return tuple((float(n) - 1) / 2 for n in sides)
+
+    return attribute(XY, default=DerivedDefault(("pixeldim",), middle, "the picture's middle"), quantity=PIXELS)
+
+
+def _point(quantity: Quantity = VECTOR) -> Any:
+    return attribute(XYZ, quantity=quantity)
+
+
+def _column(**declared: Any) -> Any:
+    return attribute(value_type="name", **declared)
+
+
+def _weight(*models: words.ModelName) -> Any:
+    return attribute(default=(0.0,), only=models, limit=UNIT_INTERVAL, quantity=Quantity(ranges=((0.0, 1.0),)))
+
+
+def _color(*models: words.ModelName, additive: float = 0.0, quantity: Quantity = AMOUNT, **declared: Any) -> Any:
+    """A colour of a material, black but for the additive model."""
+    defaults = {"additive": (additive,) * 3} if additive else {}
+    return attribute(RGB, default=(0.0,) * 3, model_defaults=defaults, only=models, quantity=quantity, **declared)
+
+
+def _index(components: tuple[str, ...] = (), **declared: Any) -> Any:
+    """An index stays above 1; one that starts below 1 is that of a bubble and only stays above 0."""
+    quantity = Quantity("unit of index", ranges=((1.0, math.inf), *ABOVE_ZERO), scale="index", role="index")
+    return attribute(components, limit=POSITIVE, quantity=quantity, **declared)
+
+
+class ImagePlaneCamera(eqx.Module):
+    """The course's pinhole camera, which looks at the rectangle [0, width] x [0, height] of the plane z = 0.
+
+    Args:
+        pixeldim: (width, height) of the picture in pixels.
+        worlddim: (width, height) of the image plane in world units.
+        viewpoint: where the rays start, (x, y, z) in world units.
+        center: where the rectangle's middle is seen, as `PerspectiveCamera.center` counts pixels.
+    """
+
+    name: str = eqx.field(static=True)
+    pixeldim: tuple[int, int] = _pixeldim()
+    worlddim: Float[Array, "2"] = attribute(XY, limit=POSITIVE, quantity=LENGTH)
+    viewpoint: Float[Array, "3"] = _point()
+    center: Float[Array, "2"] = _center()
+
+
+class PerspectiveCamera(eqx.Module):
+    """A camera with square pixels that looks from a point at a point, through a lens that may distort.
+
+    Args:
+        pixeldim: (width, height) of the picture in pixels.
+        viewpoint: where the rays start, (x, y, z) in world units.
+        lookat: the point that the picture shows at `center`, in world units.
+        up: a direction of any length that is upright in the picture.
+        fov: the full horizontal angle of view, in degrees, between 0 and 180, of a picture with `center` in its middle
+            and without distortion: the focal length is width / (2 tan(fov / 2)) pixels.
+        center: the principal point (x, y) in pixels; (0, 0) is the centre of the upper left one.
+        distortion: the radial distortion (k1, k2), as in `scene.lens`.
+    """
+
+    name: str = eqx.field(static=True)
+    pixeldim: tuple[int, int] = _pixeldim()
+    viewpoint: Float[Array, "3"] = _point()
+    lookat: Float[Array, "3"] = _point()
+    up: Float[Array, "3"] = attribute(XYZ, default=(0.0, 1.0, 0.0), limit=NOT_ALL_ZERO)
+    fov: Float[Array, ""] = attribute(
+        default=(USUAL_FOV,),
+        limit=Limit(lambda angle: bool(0 < angle < 180), "greater than 0 and less than 180 degrees"),
+        # Within the limits also where its ends are rounded to float32.
+        quantity=Quantity("degree", ranges=((1e-4, 179.9999),)),
+    )
+    center: Float[Array, "2"] = _center()
+    distortion: Float[Array, "2"] = attribute(("k1", "k2"), default=(0.0, 0.0))
+
+
+class CameraResponse(eqx.Module):
+    """The camera's response to the light that falls on it; the fields are in the order in which they take effect.
+
+    Without an effect its field is None, as in a compiled program that leaves out what does nothing.
+
+    Args:
+        vignetting: the fraction of the light that is lost in the picture's corners; it grows with the squared distance
+            from the picture's middle.
+        blur: standard deviation of a Gaussian point-spread function, in pixels.
+        gain: of each channel, a factor.
+        offset: what is added to each channel, in units of white.
+        gamma: the power of light as it is stored.
+    """
+
+    name: str = eqx.field(static=True)
+    vignetting: Float[Array, ""] | None = attribute(
+        default=(0.0,), limit=less_than(1, -1), quantity=Quantity(ranges=((-1.0, 1.0),))
+    )
+    blur: Float[Array, ""] | None = attribute(
+        default=(0.0,), limit=NOT_NEGATIVE, quantity=Quantity("pixel", ranges=ABOVE_ZERO)
+    )
+    gain: Float[Array, "3"] | None = attribute(RGB, default=(1.0, 1.0, 1.0), limit=POSITIVE, quantity=AMOUNT)
+    offset: Float[Array, "3"] | None = attribute(RGB, default=(0.0, 0.0, 0.0), quantity=Quantity(is_light=True))
+    gamma: Float[Array, ""] | None = attribute(default=(1.0,), limit=POSITIVE, quantity=AMOUNT)
+
+
+class FileSettings(eqx.Module):
+    """The settings of a picture that a file has; None where it does not say. `RenderSettings` tells what it means."""
+
+    name: str = eqx.field(static=True)
+    model: words.ModelName | None = word(words.ModelName, without="classic")
+    mapping: words.PixelConvention | None = word(words.PixelConvention, without="corner, center (physical)")
+    max_bounces: int | None = attribute(
+        value_type="integer", limit=between(0, words.MAX_BOUNCES), without="5, 2 (additive), 12 (physical)"
+    )
+    edges: words.EdgeMode | None = word(words.EdgeMode, without="point, of derivatives aware")
+    samples: int | None = attribute(value_type="integer", limit=between(1, words.MAX_SAMPLES), without="1")
+    path_limit: float | None = attribute(value_type="constant", limit=POSITIVE, without="100 (classic), else no limit")
+    least_weight: float | None = attribute(
+        value_type="constant", limit=less_than(1, 0), only=("physical",), without="1e-06 (physical only)"
+    )
+    reflectance: words.Reflectance | None = word(words.Reflectance, only=("classic",), without="schlick (classic only)")
+    eta: words.EtaConvention | None = word(words.EtaConvention, only=("classic",), without="course (classic only)")
+
+
+class Background(eqx.Module):
+    """A light from all around and infinitely far away, which rays see that hit nothing.
+
+    Its colour `radiance` (RGB, scene-linear) is multiplied with the picture `texture`.
+    """
+
+    name: str = eqx.field(static=True)
+    radiance: Float[Array, "3"] = attribute(RGB, quantity=LIGHT)
+    texture: int = _column(only=("physical",), without="")
+
+
+class PointLights(eqx.Module):
+    """Point lights of a colour `emissivity`.
+
+    In the classic model their light falls off with one over the distance, in the others with the distance squared; in
+    the additive one `energy` scales it.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    location: Float[Array, "3 lights"] = _point()
+    emissivity: Float[Array, "3 lights"] = attribute(RGB, quantity=SHINE)
+    energy: Float[Array, " lights"] = attribute(
+        default=(10.0,), only=("additive",), limit=NOT_NEGATIVE, quantity=LIGHT._replace(dimension=2)
+    )
+
+
+class Checkers(eqx.Module):
+    """Checker boards: `color1` where `floor(x) + floor(y)` is even, with x and y = (place - `offset`) / `square`.
+
+    A place on a surface is measured in world units.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    color1: Float[Array, "3 checkers"] = attribute(RGB, quantity=AMOUNT)
+    color2: Float[Array, "3 checkers"] = attribute(RGB, quantity=AMOUNT)
+    square: Float[Array, " checkers"] = attribute(limit=POSITIVE, quantity=LENGTH)
+    offset: Float[Array, "2 checkers"] = attribute(XY, default=(0.0, 0.0), quantity=VECTOR)
+
+
+class Images(eqx.Module):
+    """Pictures on surfaces, scene-linear; row 0 is the top one.
+
+    Args:
+        texels: the pictures.
+        file: where each was read from, as the scene's file has it; empty for one that came as numbers.
+        transfer: what the file was told of the numbers of a PNG, or None.
+        filter: `bilinear` or `nearest`.
+        wrap: what is beyond the border: `clamp`, `repeat` or `black`.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    texels: tuple[Float[Array, "3 _ _"], ...]
+    file: tuple[str, ...] = attribute(value_type="file")
+    transfer: tuple[Transfer | None, ...] = word(Transfer, without="what the file says")
+    filter: tuple[words.TextureFilter, ...] = word(words.TextureFilter, "bilinear")
+    wrap: tuple[words.TextureWrap, ...] = word(words.TextureWrap, "clamp")
+
+
+class Materials(eqx.Module):
+    """Surface colours (RGB, scene-linear) and index of refraction `ior` > 0, which all models have; and more.
+
+    Only the classic model has the transparency `alpha` in [0, 1]. Only the additive one has the exponent `hardness` of
+    highlights and the switch `fresnel`: at 1 Schlick's approximation takes the place of `reflectivity`, between 0 and 1
+    both are mixed. It and the physical one have the weights `reflectivity` of the mirror ray and `transmission` of the
+    refracted one, both in [0, 1]. Only the physical one has the radiance `emission`, the `absorption` inside of what it
+    fills, per world unit, and a `texture`.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    ambient: Float[Array, "3 materials"] = _color("classic", "additive", additive=0.05, quantity=SHINE)
+    diffuse: Float[Array, "3 materials"] = _color(additive=0.78)
+    specular: Float[Array, "3 materials"] = _color("classic", "additive", additive=0.2)
+    alpha: Float[Array, " materials"] = _weight("classic")
+    ior: Float[Array, " materials"] = _index(default=(1.0,), model_defaults={"additive": (1.45,), "physical": (1.5,)})
+    hardness: Float[Array, " materials"] = attribute(
+        default=(1000.0,), only=("additive",), limit=NOT_NEGATIVE, quantity=AMOUNT
+    )
+    reflectivity: Float[Array, " materials"] = _weight("additive", "physical")
+    fresnel: Float[Array, " materials"] = _weight("additive")
+    transmission: Float[Array, " materials"] = _weight("additive", "physical")
+    emission: Float[Array, "3 materials"] = _color("physical", quantity=LIGHT)
+    absorption: Float[Array, "3 materials"] = _color(
+        "physical", limit=NOT_NEGATIVE, quantity=AMOUNT._replace(dimension=-1)
+    )
+    texture: tuple[int, ...] = _column(only=("physical",), without="")
+
+
+class AbbeMaterials(Materials):
+    """Materials with dispersion: `ior` is that at 587.56 nm, `abbe` > 0 Abbe's number V."""
+
+    abbe: Float[Array, " materials"] = attribute(after="ior", only=("physical",), limit=POSITIVE, quantity=AMOUNT)
+
+
+class ChannelMaterials(Materials):
+    """Materials with an index of refraction for each channel."""
+
+    ior: Float[Array, "3 materials"] = _index(RGB)
+
+
+class Planes(eqx.Module):
+    """Two-sided planes through `point`; `normal` is kept as the file gives it and need not have length one."""
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    material: tuple[int, ...] = _column()
+    normal: Float[Array, "3 planes"] = attribute(XYZ, limit=NOT_ALL_ZERO)
+    point: Float[Array, "3 planes"] = _point()
+
+
+class Spheres(eqx.Module):
+    """Spheres with outward normals."""
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    material: tuple[int, ...] = _column()
+    center: Float[Array, "3 spheres"] = _point(VECTOR._replace(scale="block", sized_by=("radius",), role="position"))
+    radius: Float[Array, " spheres"] = attribute(limit=POSITIVE, quantity=LENGTH)
+
+
+class Rectangles(eqx.Module):
+    """Two-sided rectangles `center + u right + v up` with u and v from -1 to 1.
+
+    `right` and `up` are the vectors from the center to the middles of two sides; they are orthogonal.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    material: tuple[int, ...] = _column()
+    center: Float[Array, "3 rectangles"] = _point(VECTOR._replace(scale="block", sized_by=("right", "up")))
+    right: Float[Array, "3 rectangles"] = attribute(XYZ, limit=NOT_ALL_ZERO, quantity=VECTOR)
+    up: Float[Array, "3 rectangles"] = attribute(XYZ, limit=NOT_ALL_ZERO, quantity=VECTOR)
