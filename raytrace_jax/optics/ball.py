@@ -7,8 +7,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.errors import SettingsError
-from raytrace_jax.optics.angles import snell_angle
-from raytrace_jax.optics.ranges import asked, index
+from raytrace_jax.optics.angles import asked, index, snell_angle
 from raytrace_jax.util.numerics import away_from_zero
 
 

@@ -1,4 +1,4 @@
-"""Settings of a picture as they are asked for, and the models' rules; free of JAX, for the command line."""
+"""The settings of a picture as they are asked for, and the models' rules; free of JAX, for the command line."""
 
 import dataclasses
 import math
@@ -19,16 +19,10 @@ from raytrace_jax.scene.setting_words import (
 from raytrace_jax.util.checked import Checked, Wanted
 
 AovName = Literal["depth", "normal", "position", "shape_index", "bounce_count"]
-"""The names of the rows below."""
 
 
 class Aov(NamedTuple):
-    """A variable of each pixel's own point.
-
-    Args:
-        value: the variable, from a `integrator.Trace`.
-        missing: what stands where nothing is hit.
-    """
+    """A variable of each pixel's own point: its channels, its value of an `integrator.Outcome`, and that of a miss."""
 
     channels: tuple[str, ...]
     value: Callable[[Any], Any]
@@ -36,30 +30,27 @@ class Aov(NamedTuple):
 
 
 AOVS: dict[str, Aov] = {
-    "depth": Aov(("depth.Z",), lambda trace: trace.first.t),
-    "normal": Aov(("normal.X", "normal.Y", "normal.Z"), lambda trace: trace.first.n),
-    "position": Aov(("position.X", "position.Y", "position.Z"), lambda trace: trace.first.p),
-    "shape_index": Aov(("shape_index.I",), lambda trace: trace.first.shape, missing=-1),
-    "bounce_count": Aov(("bounce_count.I",), lambda trace: trace.bounce_count),
+    "depth": Aov(("depth.Z",), lambda outcome: outcome.first.t),
+    "normal": Aov(("normal.X", "normal.Y", "normal.Z"), lambda outcome: outcome.first.n),
+    "position": Aov(("position.X", "position.Y", "position.Z"), lambda outcome: outcome.first.p),
+    "shape_index": Aov(("shape_index.I",), lambda outcome: outcome.first.shape, missing=-1),
+    "bounce_count": Aov(("bounce_count.I",), lambda outcome: outcome.bounce_count),
 }
 """The AOVs, by the names of `RenderSettings.aov`."""
-
 
 Precision = Literal[32, 64]
 """Bits of a scene's floating-point numbers and so of its pictures; the scene's arrays have them, not the settings."""
 
 
 class ModelRules(NamedTuple):
-    """A model's rules of paths, apart from light.
+    """A model's own values of settings that are left out, and its other rules of paths.
 
     Args:
-        longest_path: a longer path ends in black, in world units; infinite where paths do not end.
-        least_weight: a ray that counts less in its pixel is black; 0 where all rays count.
-        only: the settings that this model has no choice of, with the one value that says nothing.
+        only: the settings that this model has no choice of, with the one value that they have.
     """
 
     max_bounces: int
-    longest_path: float
+    path_limit: float
     planes_end_at_image_plane: bool
     mapping: PixelConvention
     least_weight: float
@@ -68,14 +59,14 @@ class ModelRules(NamedTuple):
 
 MODEL_RULES: dict[ModelName, ModelRules] = {
     # Course model, 1.2: the length of paths, and where planes end.
-    "classic": ModelRules(5, 100.0, True, "corner", 0.0, {"least_weight": None}),
+    "classic": ModelRules(5, 100.0, True, "corner", 0.0, {"least_weight": 0.0}),
     "additive": ModelRules(
         2,
         math.inf,
         True,
         "corner",
         0.0,
-        {"least_weight": None, "reflectance": "schlick", "eta": "course", "total_internal_reflection": True},
+        {"least_weight": 0.0, "reflectance": "schlick", "eta": "course", "total_internal_reflection": True},
     ),
     # A ball's inner reflections weigh 0.04 to the power of their number: 1e-4 would show in every pixel.
     "physical": ModelRules(
@@ -93,14 +84,12 @@ MODEL_RULES: dict[ModelName, ModelRules] = {
         },
     ),
 }
-"""The models' rules; `shading.models` has what they do with light."""
+"""The models' rules; `levels.level.MODELS` has what they do with radiance."""
 
 
 @dataclasses.dataclass(frozen=True)
 class RenderSettings(Checked):
     """Settings as they are asked for; None is what the scene's file says, or else the model's own.
-
-    A scene makes `ResolvedSettings` of it, in which nothing is left open (`resolved_settings.resolve_settings`).
 
     Raises:
         SettingsError: a value outside what is said below.
@@ -150,7 +139,7 @@ class RenderSettings(Checked):
     model; additive: that of the report on checkpoints 4 to 6, with shadows; physical: that of real glass. Default: the
     settings in the scene's file, else classic. For the other options, too, the file's settings come first."""
     path_limit: Annotated[float | None, Wanted("a length greater than 0", "LENGTH", above=0)] = None
-    """A longer path ends in black, in world units. Without it 100 in the classic model, and none in the others."""
+    """A longer path ends in black, in world units. Without it 100 in the classic model, infinite in the others."""
     least_weight: Annotated[float | None, Wanted(metavar="SHARE", least=0, below=1)] = None
     """A ray that contributes less than this share to its pixel is black; 0 keeps all rays. Physical model only. Without
     it 1e-6."""

@@ -137,5 +137,5 @@ def rays_through(camera: Camera, settings: ResolvedSettings, u: Scalars, v: Scal
         origin_shape=jnp.full(u.shape, NO_SHAPE, jnp.int32),
         inside=jnp.zeros(u.shape, bool),
         edge_beam=beam,
-        path_throughput=jnp.ones_like(u) if settings.follows_weights else None,
+        path_throughput=jnp.ones_like(u) if settings.has_throughput else None,
     )

@@ -1,7 +1,7 @@
 """Infinite planes, seen from both sides. In the course's models they end at the image plane (course model, 1.2)."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import jax
 import jax.numpy as jnp
@@ -121,31 +121,41 @@ def before_image_plane(p: Vectors, shape: Shapes, settings: ResolvedSettings) ->
     return p[2] if settings.rules.planes_end_at_image_plane else None
 
 
-def section_line(
-    point: np.ndarray, normal: np.ndarray, drawing: CuttingPlane
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
-    """The line in which a drawing cuts a plane: its point nearest to the middle, and its direction."""
+def flat_section(
+    point: np.ndarray,
+    normal: np.ndarray,
+    drawing: CuttingPlane,
+    reach: float,
+    bounds: Iterable[tuple[np.ndarray, float]],
+) -> Float[np.ndarray, "points 2"]:
+    """The line in which a drawing cuts a flat surface, as far as each bound (a, limit) holds: a.p <= limit."""
     across = np.array([normal @ drawing.right, normal @ drawing.up])
     steep = np.linalg.norm(across)
     # A plane whose normal has no part in the drawing is the drawing's own plane or parallel to it.
     if steep < 1e-6:
-        return None
-    return across / steep**2 * ((point - drawing.center) @ normal), np.array([-across[1], across[0]]) / steep
+        return shapes.NO_POINTS
+    # The line's point nearest to the drawing's middle, and its direction, in the drawing and in space.
+    foot, along = across / steep**2 * ((point - drawing.center) @ normal), np.array([-across[1], across[0]]) / steep
+    start = drawing.center + foot[0] * drawing.right + foot[1] * drawing.up
+    step = along[0] * drawing.right + along[1] * drawing.up
+    high = reach + float(np.linalg.norm(foot))
+    low = -high
+    for direction, limit in bounds:
+        room, speed = limit - direction @ start, direction @ step
+        # A line that goes along a border to twelve digits never crosses it.
+        if abs(speed) < 1e-12 * np.linalg.norm(direction):
+            low, high = (low, high) if room >= 0 else (1.0, 0.0)
+        else:
+            low, high = (low, min(high, room / speed)) if speed > 0 else (max(low, room / speed), high)
+    # So many points that a line cut at the border of the drawing is right to a thousandth.
+    return foot + np.linspace(low, high, 2001)[:, None] * along if low < high else shapes.NO_POINTS
 
 
 def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
     """The line in which a drawing cuts one plane."""
-    line = section_line(np.asarray(shape.position), np.asarray(shape.normal), drawing)
-    if line is None:
-        return Section(shapes.NO_POINTS, False, shapes.NO_POINTS)
-    foot, along = line
-    reach = reach + float(np.linalg.norm(foot))
-    # So many points that the line's end at the image plane is right to a thousandth.
-    points = foot + np.linspace(-reach, reach, 2001)[:, None] * along
-    if settings.rules.planes_end_at_image_plane:
-        z = drawing.center[2] + points[:, 0] * drawing.right[2] + points[:, 1] * drawing.up[2]
-        points = points[z <= 0]
-    return Section(points, False, shapes.NO_POINTS)
+    ends = [(np.array([0.0, 0.0, 1.0]), 0.0)] if settings.rules.planes_end_at_image_plane else []
+    line = flat_section(np.asarray(shape.position), np.asarray(shape.normal), drawing, reach, ends)
+    return Section(line, False, shapes.NO_POINTS)
 
 
 def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]:

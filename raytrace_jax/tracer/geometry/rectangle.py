@@ -9,11 +9,11 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Rectangles
 from raytrace_jax.tracer.geometry import shapes
-from raytrace_jax.tracer.geometry.plane import distance, flat_clearance, flat_hit, section_line, see_flat
+from raytrace_jax.tracer.geometry.plane import distance, flat_clearance, flat_hit, flat_section, see_flat
 from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
 from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import TINY, dot, normalize
+from raytrace_jax.util.numerics import dot, normalize
 
 
 def coefficients(rectangles: Rectangles) -> dict[str, Array]:
@@ -89,25 +89,9 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     center, (right, up) = np.asarray(shape.position, np.float64), np.asarray(shape.axes, np.float64)
     corners = [center + u * right + v * up for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
     outline = np.array([drawing.project(corner) for corner in corners])
-    line = section_line(center, np.cross(right, up) / np.linalg.norm(np.cross(right, up)), drawing)
-    if line is None:
-        return Section(shapes.NO_POINTS, False, outline)
-    foot, along = line
-    # Along the line the place in the rectangle is linear: it is inside between two ends, of either axis.
-    start = drawing.center + foot[0] * drawing.right + foot[1] * drawing.up - center
-    step = along[0] * drawing.right + along[1] * drawing.up
-    low, high = -np.inf, np.inf
-    for axis in (right, up):
-        offset, speed = start @ axis / (axis @ axis), step @ axis / (axis @ axis)
-        # A line that goes along a side to twelve digits never crosses the borders beside it.
-        if abs(speed) < 1e-12 / max(np.linalg.norm(axis), TINY):
-            low, high = (low, high) if abs(offset) <= 1 else (1.0, 0.0)
-        else:
-            ends = sorted(((-1 - offset) / speed, (1 - offset) / speed))
-            low, high = max(low, ends[0]), min(high, ends[1])
-    if not low < high:
-        return Section(shapes.NO_POINTS, False, outline)
-    return Section(foot + np.linspace(low, high, 101)[:, None] * along, False, outline)
+    normal = np.cross(right, up) / np.linalg.norm(np.cross(right, up))
+    bounds = [(s * axis, s * axis @ center + axis @ axis) for axis in (right, up) for s in (-1, 1)]
+    return Section(flat_section(center, normal, drawing, np.inf, bounds), False, outline)
 
 
 def reach(shape: Shapes) -> Float[Array, " *shapes"]:

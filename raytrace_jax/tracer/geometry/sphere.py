@@ -56,20 +56,26 @@ def coefficients(spheres: Spheres) -> dict[str, Array]:
     }
 
 
-def hit(
-    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
-) -> tuple[Array, Array]:
-    """Distance along rays to one sphere, and whether that is a hit.
+def meeting(
+    rays: Rays, passing: Chord, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
+) -> tuple[Scalars, Flags, Flags]:
+    """Distance at which rays meet one sphere, whether they do, and whether the near end of the chord is no hit.
 
     A ray that starts on this sphere meets it again only if it runs inside, at the end of its chord.
     """
-    passing = chord(rays, shape)
     near, far = passing.along - passing.half, passing.along + passing.half
     hits = jnp.where(own, rays.inside, passing.discriminant > 0)
+    behind = near < least
     if not settings.second_root:
-        t = jnp.where(own, 2 * passing.along, near)
-        return t, hits & (t > least) & ~own
-    t = jnp.where(own, 2 * passing.along, jnp.where(near < least, far, near))
+        return near, hits & ~own, behind
+    return jnp.where(own, 2 * passing.along, jnp.where(behind, far, near)), hits, behind
+
+
+def hit(
+    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
+) -> tuple[Array, Array]:
+    """Distance along rays to one sphere, and whether that is a hit."""
+    t, hits, _ = meeting(rays, chord(rays, shape), own, least, settings)
     return t, hits & (t > least)
 
 
@@ -92,14 +98,8 @@ def see(
 ) -> shapes.Sighting:
     """The meeting of each footprint with one sphere. Where its centre just misses the rim, a part of it still may."""
     passing = chord(rays, shape)
-    near, far = passing.along - passing.half, passing.along + passing.half
-    centered = jnp.where(own, rays.inside, passing.discriminant > 0)
-    outside = ~own & (near >= least)
-    if settings.second_root:
-        t = jnp.where(own, 2 * passing.along, jnp.where(outside, near, far))
-    else:
-        t, centered = near, centered & ~own
-    seen = centered & (t > least)
+    t, centered, behind = meeting(rays, passing, own, least, settings)
+    seen, outside = centered & (t > least), ~(own | behind)
     edge = silhouette(rays, passing, shape.radius, passing.discriminant / (2 * shape.radius))
     grazes = may_pass & ~own & (passing.discriminant <= 0) & (passing.along > least) & shapes.is_within(edge)
     # Where the centre misses the rim, the first distance at which any part may meet it counts: half the longest chord

@@ -12,9 +12,6 @@ from raytrace_jax.tracer.geometry.rays import Scalars
 from raytrace_jax.tracer.shading.quadrature import parts
 from raytrace_jax.util.numerics import clamp01, instantiated, is_zero, select, with_lower_ranks
 
-LEAST_RATIO = 3e-3
-"""The lesser extent of a footprint counts as at least so much of the larger one: differences are divided by both."""
-
 
 def checker_fraction(
     position: Float[Array, "2 *rays"],
@@ -86,11 +83,13 @@ Wave = tuple[Float[Array, "2 parts *rays"], Float[Array, "2 parts *rays"], Float
 def _square_wave(x: Float[Array, "2 parts *rays"], a: Float[Array, "2 *rays"], b: Float[Array, "2 *rays"]) -> Wave:
     """The wave over the trapezoids that a parallelogram with extents a and b has on x and on y."""
     a, b = jnp.abs(a), jnp.abs(b)
+    # The lesser extent counts as at least so much of the larger one: differences are divided by both.
+    least_ratio = 3e-3
     # No footprint is narrower than a millionth of a square, so that it has a derivative at an edge.
     wide = jnp.maximum(jnp.maximum(a, b), 1e-6)
-    narrow = jnp.maximum(jnp.minimum(a, b), LEAST_RATIO * wide)
+    narrow = jnp.maximum(jnp.minimum(a, b), least_ratio * wide)
     near = _at_one_edge(x, wide[:, None], narrow[:, None])
-    far = _at_many_edges(x, jnp.maximum(wide, 0.5)[:, None], jnp.maximum(narrow, 0.5 * LEAST_RATIO)[:, None])
+    far = _at_many_edges(x, jnp.maximum(wide, 0.5)[:, None], jnp.maximum(narrow, 0.5 * least_ratio)[:, None])
     return select((wide + narrow < 1)[:, None], near, far)
 
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.optics import AIR_IOR, reflect, refract
 from raytrace_jax.optics.fresnel import schlick_share
@@ -134,9 +133,7 @@ def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
 MODEL = Model(shade, combine, child_weights, attrgetter("alpha"), media_at, black)
 
 
-def light_sums(
-    nodes: Nodes, valid: Bool[Array, " rays"], lights: PointLights
-) -> tuple[Float[Array, "3 rays"], Float[Array, "3 rays"]]:
+def light_sums(nodes: Nodes, valid: Flags, lights: PointLights) -> tuple[Vectors, Vectors]:
     """Light that reaches each hit, weighted for the diffuse and for the specular colour: the mean over the nodes.
 
     The specular weight is `(R.V)^32`, an even power of a cosine that nothing keeps positive: the far side of the

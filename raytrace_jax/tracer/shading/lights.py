@@ -14,10 +14,10 @@ from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import PointLights
-from raytrace_jax.tracer.geometry.rays import Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Flags, Integers, Scalars, Vectors
 from raytrace_jax.tracer.geometry.shape_types import fold_shapes
 from raytrace_jax.tracer.geometry.shapes import ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -70,9 +70,9 @@ def over_lights(answer: Callable[[LightSample], T], lights: PointLights, p: Vect
 
 def light_fractions(
     origins: Float[Array, "3 *nodes rays"],
-    own: Int[Array, " rays"],
+    own: Integers,
     light: Float[Array, "3"],
-    facing: Bool[Array, " rays"],
+    facing: Flags,
     world: World,
     settings: ResolvedSettings,
     clear: Float[Array, " shapes"] | None = None,

@@ -9,10 +9,10 @@ linear footprint leaves out.
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import Beam, Footprint, Rays
+from raytrace_jax.tracer.geometry.rays import Beam, Flags, Footprint, Rays, Scalars, Vectors
 from raytrace_jax.tracer.geometry.shapes import GRAZING, Shapes, surface_value
 from raytrace_jax.tracer.resolved_settings import SUBDIVISIONS, ResolvedSettings
 from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, safe_normalize
@@ -22,9 +22,6 @@ LEAST_SPREAD = 0.002
 
 Half of it takes a seventh to two fifths more rays and gains little. Double it makes pictures of one scene half as wrong
 again (experiments/tuning)."""
-
-NODE = 12**-0.5
-"""Half the distance of the two Gauss-Legendre nodes in an interval of length one: with them cubics have their mean."""
 
 
 def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Array, "2 3 *rays"], ...]:
@@ -61,7 +58,11 @@ def bounded(footprint: Footprint, unit: Float[Array, ""]) -> Footprint:
 
 
 def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3 *rays"]) -> Nodes:
-    """Four points of each footprint on its surface; their mean is its light."""
+    """Four points of each footprint on its surface; their mean is its light.
+
+    They are Gauss-Legendre nodes: in an interval of length one they lie `1 / sqrt(12)` to either side of the middle,
+    and the mean of a cubic is that of its values there.
+    """
     curvature = jax.lax.stop_gradient(shape.curvature)
 
     def moved(moves: Float[Array, "2 3 *rays"]) -> Float[Array, "3 4 *rays"]:
@@ -73,7 +74,7 @@ def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3
     # A footprint that has outgrown a sphere moves along it by no more than its radius.
     # 1e-20 only guards the root: footprints on surfaces are many orders of magnitude longer, in any unit.
     length = jnp.sqrt(jnp.maximum(jnp.sum(p_axes * p_axes, 1), 1e-20))
-    fraction = (NODE / jnp.maximum(1, length * curvature))[:, None]
+    fraction = (12**-0.5 / jnp.maximum(1, length * curvature))[:, None]
     p_moves, d_moves = fraction * p_axes, fraction * rays.beam.footprint.d
     p, d = moved(p_moves), moved(d_moves)
     n = safe_normalize(hits.n[:, None] + curvature * p)
@@ -82,11 +83,8 @@ def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3
 
 
 def cosine_spread(
-    d: Float[Array, "3 *rays"],
-    n: Float[Array, "3 *rays"],
-    d_moves: Float[Array, "2 3 *rays"],
-    n_moves: Float[Array, "2 3 *rays"],
-) -> Float[Array, " *rays"]:
+    d: Vectors, n: Vectors, d_moves: Float[Array, "2 3 *rays"], n_moves: Float[Array, "2 3 *rays"]
+) -> Scalars:
     """The range of the squared cosine of incidence over footprints, to first order, as `Nodes` has it.
 
     Args:
@@ -106,8 +104,8 @@ def spread_squared(d_axes: Float[Array, "2 3 *rays"]) -> Float[Array, "2 *rays"]
 
 
 def wants_subdivision(
-    rays: Rays, spread: Float[Array, "2 *rays"], may_split: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> tuple[Bool[Array, " *rays"], Bool[Array, " *rays"]]:
+    rays: Rays, spread: Float[Array, "2 *rays"], may_split: Flags, settings: ResolvedSettings
+) -> tuple[Flags, Flags]:
     """The rays that are better subdivided, and those of them along the footprint's second axis.
 
     Args:
@@ -120,7 +118,7 @@ def wants_subdivision(
     return wanted, second
 
 
-def subdivide(rays: Rays, second: Bool[Array, " *rays"]) -> list[Rays]:
+def subdivide(rays: Rays, second: Flags) -> list[Rays]:
     """The three thirds of each footprint, side by side along its first or second axis, as rays of their own."""
     footprint, beam = rays.beam.footprint, rays.beam
 

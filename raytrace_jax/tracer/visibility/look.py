@@ -29,7 +29,7 @@ of the edge inside of the footprint (`coverage`), and `(dg/dtheta) / |grad g|` i
 
 The footprint is a constant to the parameter derivative. Summed over all rays that see an edge, the derivative of A does
 not depend on the footprint's size. An approximate footprint therefore changes the blur, not the total. Only edges that
-a footprint has outgrown lose some of their derivative (`coverage.edge_distance`). docs/edges.md has the derivation.
+a footprint has outgrown lose some of their derivative (`edge_distance`). docs/edges.md has the derivation.
 """
 
 import operator
@@ -37,15 +37,14 @@ import operator
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import least_distance
 from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays, take
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Footprint, Integers, Rays, Scalars, take
 from raytrace_jax.tracer.geometry.shape_types import Index, by_type, fold_shapes, is_curved, present_types
 from raytrace_jax.tracer.geometry.shapes import (
     GRAZING,
-    WITHIN,
     Edge,
     Shapes,
     ShapeType,
@@ -63,7 +62,7 @@ from raytrace_jax.tracer.visibility.coverage import (
     facing_side,
     most_central,
     occlusion_edge,
-    path_limit,
+    path_end,
     reach,
 )
 from raytrace_jax.util.numerics import dot, materialize, safe_normalize, select, unstacked
@@ -76,8 +75,8 @@ class Nearest(eqx.Module):
         code: the rest in one number, so that a comparison moves two numbers and not four.
     """
 
-    t: Float[Array, " *rays"]
-    code: Int[Array, " *rays"]
+    t: Scalars
+    code: Integers
 
     @classmethod
     def of(cls, t, index: Index, found: Sighting) -> "Nearest":
@@ -86,17 +85,17 @@ class Nearest(eqx.Module):
         return cls(t, 4 * index + 2 * found.outside.astype(jnp.int32) + found.centered.astype(jnp.int32))
 
     @property
-    def shape(self) -> Int[Array, " *rays"]:
+    def shape(self) -> Integers:
         """Index of the shape, or `NO_SHAPE`."""
         return self.code >> 2
 
     @property
-    def outside(self) -> Bool[Array, " *rays"]:
+    def outside(self) -> Flags:
         """It is a curved shape that is seen from outside of it."""
         return self.code & 2 != 0
 
     @property
-    def centered(self) -> Bool[Array, " *rays"]:
+    def centered(self) -> Flags:
         """The footprint's centre sees it, not only a part beyond its edge."""
         return self.code & 1 != 0
 
@@ -117,7 +116,7 @@ def find_two_nearest(
         seen = seen if shape.hidden is None else seen & ~shape.hidden
         return Nearest.of(jnp.where(seen, found.t, jnp.inf), index, found)
 
-    def nearer(found: Nearest, other: Nearest) -> Bool[Array, " *rays"]:
+    def nearer(found: Nearest, other: Nearest) -> Flags:
         # On a tie the first shape of the file wins; in a loop one type comes after the other.
         return (found.t < other.t) | ((found.t == other.t) & (found.shape < other.shape))
 
@@ -155,18 +154,13 @@ class View(eqx.Module):
 
     si: Hits
     rays: Rays
-    coverage: Float[Array, " *rays"]
-    passes: Bool[Array, " *rays"]
+    coverage: Scalars
+    passes: Flags
     past: Rays
 
 
 def look(
-    shapes: Shapes,
-    rays: Rays,
-    live: Bool[Array, " *rays"],
-    may_pass: Bool[Array, " *rays"],
-    unit: Float[Array, ""],
-    settings: ResolvedSettings,
+    shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Float[Array, ""], settings: ResolvedSettings
 ) -> View:
     """Find what each ray's footprint sees first, and split it at the edge of the smallest signed distance.
 
@@ -192,12 +186,12 @@ def look(
 
     # One edge, of the smallest signed distance, cuts the footprint in two; others are left to the rays of both parts.
     edges = own_edges(rays, surface, nearest.outside, settings)
-    if settings.has_longest_path:
-        edges.append(path_limit(rays, surface.t, surface.approach, settings.longest_path))
+    if settings.has_path_limit:
+        edges.append(path_end(rays, surface.t, surface.approach, settings.path_limit))
     edges.append(eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden))
     distance, direction, fraction, step = materialize(most_central(tuple(edges)), live)
     # Where it does not cut, the centre decides alone. The distance 2 is beyond any footprint's reach: all is near.
-    cuts = found & (jnp.abs(distance) < WITHIN * reach(direction)) & may_pass
+    cuts = found & (jnp.abs(distance) < reach(direction)) & may_pass
     present = found & (cuts | (distance > 0))
     distance = jnp.where(cuts, distance, 2)
     cut = materialize(cut_pixel(distance, direction), live)
@@ -225,11 +219,11 @@ def look(
 
 def hit_surface(
     rays: Rays,
-    index: Int[Array, " *rays"],
+    index: Integers,
     surface: SurfaceAhead,
-    t: Float[Array, " *rays"],
-    least_cos: Float[Array, " *rays"],
-    present: Bool[Array, " *rays"],
+    t: Scalars,
+    least_cos: Scalars,
+    present: Flags,
     settings: ResolvedSettings,
 ) -> Hits:
     """The hit of each ray on the surface that it is known to meet.
@@ -251,7 +245,7 @@ def hit_surface(
     return Hits(valid, t, p, n, jnp.maximum(index, 0), path_length)
 
 
-def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Bool[Array, " *rays"]) -> SurfaceAhead:
+def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Flags) -> SurfaceAhead:
     """The surface that each ray is known to meet, with a differentiable distance."""
     shape = take(shapes, jnp.maximum(nearest.shape, 0))
     curved = is_curved(shape)
@@ -260,9 +254,7 @@ def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Bool[Array, " *ray
     return SurfaceAhead(shape, curved, t, side, approach(rays, shape, t, side))
 
 
-def own_edges(
-    rays: Rays, surface: SurfaceAhead, outside: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> list[Edge]:
+def own_edges(rays: Rays, surface: SurfaceAhead, outside: Flags, settings: ResolvedSettings) -> list[Edge]:
     """The edges that the surfaces have by themselves, of every type that is in the scene."""
     found = []
     for number, shape_type in present_types(surface.shape):
@@ -281,7 +273,7 @@ def move(rays: Rays, direction, fraction, cut: Cut, cuts) -> list[Rays]:
     """
     footprint = rays.beam.footprint
 
-    def part(shift: Float[Array, " *rays"], width: Float[Array, " *rays"]):
+    def part(shift: Scalars, width: Scalars):
         offset = jnp.where(cuts, direction * fraction * shift, 0)[:, None]
         o, d = rays.o + jnp.sum(offset * footprint.o, 0), rays.d + jnp.sum(offset * footprint.d, 0)
         # The part becomes a parallelogram again, of the part's variance across the edge: with J the footprint and n the
@@ -299,7 +291,7 @@ def move(rays: Rays, direction, fraction, cut: Cut, cuts) -> list[Rays]:
     return [moved(*each) for each in unstacked(jax.vmap(part)(cut.shift, cut.width), 2)]
 
 
-def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
+def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Flags) -> Scalars:
     """Distance along moved rays to the shape that is known to be the nearest; not differentiable."""
     t = by_type(shape, lambda shape_type: shape_type.distance(rays, shape, nearest.outside))
     return jnp.where(moved, t, nearest.t)
