@@ -36,7 +36,7 @@ class Film(eqx.Module):
     Args:
         image: scene-linear RGB; the course's models keep it within [0, 1].
         aov: the variables asked for, by name: `depth` (distance along the camera ray), `normal` (unit, as the shape
-            has it), `position` (world units), `shape_index` (place in the file's order, -1 for none), `bounce_count`
+            has it), `position` (world units), `shape_index` (position in the file's order, -1 for none), `bounce_count`
             (the largest number of bounces after which a ray of the pixel still hit something). They belong to the
             pixel's own point, whatever the number of samples, and are 0 where nothing is hit.
         overflow: how many rays too many the batch had that wanted most; those are black. `render` makes it zero: it can
@@ -154,21 +154,19 @@ def render_radiance(scene: Scene, settings: ResolvedSettings, room: Capacity | N
     pixels = picture_pixels(scene, settings, numpy)
     step = pixels.step if settings.edges == "aware" else None
 
-    def outputs(points, aov=settings.aov):
-        return pixel_outputs(scenes, points, dataclasses.replace(settings, aov=aov), step, room)
-
-    # The mean over the samples, and the variables of the pixels' own points: their means would mean nothing.
-    if settings.samples == 1:
-        found, overflow = outputs(pixels.points)
-    else:
+    found: dict[str, Any] = {}
+    overflow: Any = 0
+    if settings.samples == 1 or settings.aov:
+        # The variables are those of the pixels' own points: their means would mean nothing.
+        found, overflow = pixel_outputs(scenes, pixels.points, settings, step, room)
+    if settings.samples > 1:
 
         def colors(points):
-            found, overflow = outputs(points, ())
+            found, overflow = pixel_outputs(scenes, points, dataclasses.replace(settings, aov=()), step, room)
             return [found["color"]], overflow
 
-        [mean], overflow = mean_of_samples(pixels, settings.samples, colors)
-        found, more = outputs(pixels.points) if settings.aov else ({}, 0)
-        found, overflow = found | {"color": mean}, numpy.maximum(overflow, more)
+        [found["color"]], more = mean_of_samples(pixels, settings.samples, colors)
+        overflow = numpy.maximum(overflow, more)
     aov = {name: x[0].reshape(*x.shape[1:-1], height, width) for name, x in found.items()}
     if room is None:
         # Put there as they are: `jnp.asarray` would compile a program for each size.

@@ -1,8 +1,8 @@
 """Pixels in batches: one program for any number of them, of pictures, and of sizes.
 
 A batch's arrays have fixed sizes. How many pixels find room in them is learnt by tracing: what finds no room is traced
-again with fewer pixels a batch, so that nothing is counted beforehand and nothing is compiled anew. Within a
-transformation of JAX nothing can be traced again: sizes are given, and the rays that find no room are counted.
+again with fewer pixels a batch, and nothing is compiled anew. Within a transformation of JAX nothing can be traced
+again: sizes are given, and the rays that find no room are counted.
 """
 
 import math
@@ -55,7 +55,7 @@ def scene_key(scene: Any, settings: ResolvedSettings) -> Hashable:
 
 
 def known_need(key: Hashable, settings: ResolvedSettings) -> float:
-    """Rays that a pixel was last seen to want; at first a guess for points, or for areas that see edges."""
+    """Rays that a pixel was last seen to want; at first a guess."""
     return NEEDS.get(key, 6.0 if settings.edges == "aware" else 4.0)
 
 
@@ -113,12 +113,12 @@ def fill_slots(
         number: the batches' numbers, counted through all pictures.
     """
     devices, (batches, size) = jax.device_count(), cut(points.shape[1], room.pixels)
-    slots, place = BATCHES * devices, slots_of(len(number))
+    slots, own = BATCHES * devices, slots_of(len(number))
     places = np.zeros((slots, 2, room.rays // RAYS_A_PLACE), points.dtype)
-    own = np.asarray(points)[:, members(number % batches, size, points.shape[1], batches)]
-    places[place, :, :size] = np.moveaxis(own, 0, 1)
+    found = np.asarray(points)[:, members(number % batches, size, points.shape[1], batches)]
+    places[own, :, :size] = np.moveaxis(found, 0, 1)
     picture = np.full(slots, number[0] // batches)
-    picture[place] = number // batches
+    picture[own] = number // batches
     each = (len(number) + devices - 1 - np.arange(devices)) // devices
     counts = np.stack([each, np.full(devices, size)], axis=1).astype(np.int32)
     steps = np.tile(np.zeros(2) if step is None else step, (devices, 1)).astype(points.dtype)

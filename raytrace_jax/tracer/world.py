@@ -68,15 +68,11 @@ def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyra
 LINE_CHANNEL = 1
 """The channel, green, whose index stands for a material with three where one index serves all channels."""
 
-SINGLE_INDEX = BLOCK_TYPES["material"][0]
-"""The type of material that has one index for all channels."""
-
 
 def _struct(model: ModelName) -> type[Any]:
-    """The properties that the table of blocks has for a model."""
-    return namedtuple(
-        f"{model.title()}Materials", [row.name for row in SINGLE_INDEX.continuous if row.is_used_by(model)]
-    )
+    """The properties that the table of blocks has for a model, of the type of material that has one index."""
+    rows = BLOCK_TYPES["material"][0].continuous
+    return namedtuple(f"{model.title()}Materials", [row.name for row in rows if row.is_used_by(model)])
 
 
 # Each has its name in this module, for programs are kept in files with the names of what they take and give.

@@ -25,12 +25,8 @@ def coefficients(planes: Planes) -> dict[str, Array]:
     # matter of rounding and has no derivative.
     largest = jax.lax.stop_gradient(jnp.max(jnp.abs(planes.normal), axis=0))
     zeros = jnp.zeros_like(planes.normal[0])
-    return {
-        "position": planes.point,
-        "normal": normalize(planes.normal / largest),
-        "curvature": zeros,
-        "radius": zeros,
-    }
+    normal = normalize(planes.normal / largest)
+    return {"position": planes.point, "normal": normal, "curvature": zeros, "radius": zeros}
 
 
 def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""]) -> tuple[Array, Array]:
@@ -56,19 +52,16 @@ def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
     return -dot(shape.normal, rays.o - shape.position) / away_from_zero(dot(shape.normal, rays.d), shapes.LEAST_COS)
 
 
-def image_plane_cut(rays: Rays, shape: Shapes, t: Scalars, near: Approach) -> Edge:
-    """The edge where the course's planes end: they are not seen in front of the image plane, z > 0."""
-    footprint = rays.beam.footprint
-    fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
-    slope = -(footprint.o[:, 2] + fixed * footprint.d[:, 2] + near.slope * d_z)
-    return Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.fraction)
-
-
 def edges(
     rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
 ) -> tuple[Edge, ...]:
-    """No edge of its own, but for the course's planes the cut at the image plane."""
-    return (image_plane_cut(rays, shape, t, near),) if settings.rules.planes_end_at_image_plane else ()
+    """The edge where the course's planes end: they are not seen in front of the image plane, z > 0."""
+    if not settings.rules.planes_end_at_image_plane:
+        return ()
+    footprint = rays.beam.footprint
+    fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
+    slope = -(footprint.o[:, 2] + fixed * footprint.d[:, 2] + near.slope * d_z)
+    return (Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.fraction),)
 
 
 def see_flat(

@@ -18,15 +18,10 @@ from raytrace_jax.util.numerics import dot, normalize
 
 def coefficients(rectangles: Rectangles) -> dict[str, Array]:
     """The fields of `Shapes`; the normal is that of a right-handed frame: right, up, towards the beholder."""
-    right, up = unit_sides(jnp.stack([rectangles.right, rectangles.up]))
-    zeros = jnp.zeros_like(right[0])
-    return {
-        "position": rectangles.center,
-        "normal": normalize(jnp.cross(right, up, axis=0)),
-        "curvature": zeros,
-        "radius": zeros,
-        "axes": jnp.stack([rectangles.right, rectangles.up]),
-    }
+    axes = jnp.stack([rectangles.right, rectangles.up])
+    right, up = unit_sides(axes)
+    normal, zeros = normalize(jnp.cross(right, up, axis=0)), jnp.zeros_like(right[0])
+    return {"position": rectangles.center, "normal": normal, "curvature": zeros, "radius": zeros, "axes": axes}
 
 
 def unit_sides(axes: Float[Array, "2 3 *shapes"]) -> list[Float[Array, "3 *shapes"]]:

@@ -48,12 +48,8 @@ def chord(rays: Rays, shape: Shapes) -> Chord:
 
 def coefficients(spheres: Spheres) -> dict[str, Array]:
     """The fields of `Shapes`."""
-    return {
-        "position": spheres.center,
-        "normal": jnp.zeros_like(spheres.center),
-        "curvature": 1 / spheres.radius,
-        "radius": spheres.radius,
-    }
+    center, radius = spheres.center, spheres.radius
+    return {"position": center, "normal": jnp.zeros_like(center), "curvature": 1 / radius, "radius": radius}
 
 
 def meeting(
@@ -85,12 +81,12 @@ def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
     return jnp.where(outside, passing.along - passing.half, passing.along + passing.half)
 
 
-def silhouette(rays: Rays, passing: Chord, radius: Scalars, value: Scalars) -> Edge:
+def silhouette(rays: Rays, passing: Chord, radius: Scalars, value: Scalars, exists: Flags) -> Edge:
     """The silhouette of a sphere, given how the ray passes it and how far inside of the outline that is."""
     footprint = rays.beam.footprint
     slope = jnp.sum(passing.across * (footprint.o + passing.along * footprint.d), 1) * (-1 / radius)
     fraction = jax.lax.stop_gradient(shapes.fraction_of_radius(slope, radius))
-    return Edge(jnp.ones_like(value, bool), value, slope, fraction)
+    return Edge(exists, value, slope, fraction)
 
 
 def see(
@@ -100,7 +96,7 @@ def see(
     passing = chord(rays, shape)
     t, centered, behind = meeting(rays, passing, own, least, settings)
     seen, outside = centered & (t > least), ~(own | behind)
-    edge = silhouette(rays, passing, shape.radius, passing.discriminant / (2 * shape.radius))
+    edge = silhouette(rays, passing, shape.radius, passing.discriminant / (2 * shape.radius), may_pass)
     grazes = may_pass & ~own & (passing.discriminant <= 0) & (passing.along > least) & shapes.is_within(edge)
     # Where the centre misses the rim, the first distance at which any part may meet it counts: half the longest chord
     # before the sphere's middle.
@@ -116,8 +112,7 @@ def edges(
     passing = chord(rays, shape)
     radius = jnp.where(mine, shape.radius, 1)
     value = (radius * radius - dot(passing.across, passing.across)) / (2 * radius)
-    edge = silhouette(rays, passing, radius, value)
-    return (Edge(outside, edge.value, edge.slope, edge.fraction),)
+    return (silhouette(rays, passing, radius, value, outside),)
 
 
 def clearance(

@@ -165,7 +165,7 @@ def trace_queue(
         rays, number = unpacked(some), some.number
         level = materialize(trace_level(world, rays, live, number, settings), live)
         kinds = [(wanted & live & (number < settings.levels), child) for wanted, child in level.children]
-        depth = number if rays.edge_beam is None else rays.beam.depth
+        depth = number if rays.beam is None else rays.beam.depth
         places, children, total = jnp.zeros((0, chunk), jnp.int32), some, jnp.zeros_like(tail)
         if kinds:
             children, packing = pack_rays(kinds, number + 1)

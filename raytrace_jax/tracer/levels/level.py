@@ -83,7 +83,7 @@ def point_level(world: World, rays: Rays, live: Flags, settings: ResolvedSetting
     media = model.media(world, si, dot(rays.d, si.n) < 0, settings)
     surface, children = model.shade(si, rays, world, media, materials_at(world, si), settings)
     throughput = None
-    if rays.path_throughput is not None:
+    if rays.throughput is not None:
         throughput = rays.throughput * jax.lax.stop_gradient(jnp.stack(model.child_weights(surface)))
     scattering = Scattering(surface, model.background(world, rays))
     return Level(si, scattering, scattered_rays(si, children, throughput, None, settings))

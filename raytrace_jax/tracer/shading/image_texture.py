@@ -6,6 +6,7 @@ u = (c + .5) / w, v = 1 - (r + .5) / h: row 0 is the top.
 """
 
 import functools
+import itertools
 import math
 
 import equinox as eqx
@@ -23,11 +24,10 @@ Wrap = tuple[TextureWrap, TextureWrap]
 
 
 class Pyramid(eqx.Module):
-    """The levels of a picture, one after the other and row by row, the finest first."""
+    """The levels of a picture, one after the other and row by row, the finest first; height and width of each."""
 
     texels: Float[Array, "3 texels"]
     sizes: tuple[tuple[int, int], ...] = eqx.field(static=True)
-    """Height and width of each level."""
 
     def size(self, level: Integers) -> tuple[Scalars, Scalars]:
         """Height and width of levels."""
@@ -36,11 +36,8 @@ class Pyramid(eqx.Module):
 
     def texel(self, level: Integers, row: Scalars, column: Scalars, wrap: Wrap) -> Vectors:
         """Texels of levels in whole rows and columns, which may lie beyond the picture."""
-        starts, start = [], 0
-        for height, width in self.sizes:
-            starts.append(start)
-            start += height * width
-        starts, widths = jnp.asarray(starts, jnp.int32), jnp.asarray([width for _, width in self.sizes], jnp.int32)
+        ends = itertools.accumulate((height * width for height, width in self.sizes[:-1]), initial=0)
+        starts, widths = (jnp.asarray(x, jnp.int32) for x in ([*ends], [width for _, width in self.sizes]))
         height, width = self.size(level)
         own_row, own_column = _wrapped(row, height, wrap[1]), _wrapped(column, width, wrap[0])
         index = take_column(starts, level) + own_row * take_column(widths, level) + own_column

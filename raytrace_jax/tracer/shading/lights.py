@@ -1,7 +1,5 @@
 """Light on a surface: every light as points ask it, and the fraction of it that reaches a hit past the shapes between.
 
-A new type of light has its samples in a function of its own, which `over_lights` goes through too.
-
 Each shape has a *clearance*, a smooth function of the point that is lit: positive where the shape does not cut the way
 to the light, zero on the edge of its shadow. A single point is lit or not; of a footprint
 `quadrature.positive_fractions` makes of the clearances at its four nodes the fraction that is lit, and with it the
@@ -55,10 +53,7 @@ class LightSample(NamedTuple):
 
 
 def over_lights(answer: Callable[[LightSample], T], lights: PointLights, p: Vectors) -> T:
-    """The answers of all lights as seen from points `p`, the lights on the first axis.
-
-    Whether anything is in between is the models' to ask (`light_fractions`).
-    """
+    """The answers of all lights as seen from points `p`, the lights on the first axis."""
 
     def one(location: Float[Array, "3"], emissivity: Float[Array, "3"], energy: Float[Array, ""]) -> T:
         toward = vectors_to(location, p)

@@ -17,8 +17,9 @@ from raytrace_jax.tracer.world import World
 class Children(eqx.Module):
     """The rays that a hit sends on: the directions of a reflected and a transmitted one, and which of them are wanted.
 
-    `entering` says whether it was hit on the side that its normal points to. `off` is the way to the side that the ray
-    came from by which they start off the surface, and know no shape as their origin; None if they start on it.
+    Args:
+        entering: whether it was hit on the side that its normal points to.
+        off: the way by which they start off the surface, and know no shape as their origin; None if they start on it.
     """
 
     reflect: Flags
@@ -71,11 +72,7 @@ def black(world: World, rays: Rays) -> Float[Array, "3 *ones"]:
 
 
 def materials_at(world: World, hits: Hits, footprint: Float[Array, "2 3 *rays"] | None = None) -> Any:
-    """The material at each hit: every look-up goes through here. A texture scales emission and diffuse colour.
-
-    `footprint` has the derivatives of the hit point along the axes of the area that each hit stands for; None for
-    points.
-    """
+    """The material at each hit, with emission and diffuse colour scaled by a texture; `footprint` as it wants it."""
     material = take(world.materials, hits.shape)
     if world.textures is None:
         return material

@@ -178,7 +178,7 @@ def background_radiance(world: World, rays: Rays) -> Float[Array, "3 *#rays"]:
         return radiance
     _, entry = world.textures.column[background.texture]
     pyramid = world.textures.pyramids[entry]
-    axes = None if rays.edge_beam is None else rays.beam.footprint.d
+    axes = None if rays.beam is None else rays.beam.footprint.d
     return radiance * environment_colors(pyramid, rays.d, axes)
 
 

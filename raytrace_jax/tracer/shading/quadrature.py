@@ -53,13 +53,15 @@ def nodes_of(hits: Hits, d: Vectors, nodes: Nodes | None) -> Nodes:
 
 
 class Parts(NamedTuple):
-    """Parallelograms side by side that make up a larger one."""
+    """Parallelograms side by side that make up a larger one.
+
+    Args:
+        middles: the parts' middles, from the middle of the whole.
+        axes: derivatives along the axes of each part, the longer one first: it reaches half of them to both sides.
+    """
 
     middles: Float[Array, "parts coordinates *rays"]
-    """The parts' middles, from the middle of the whole."""
-
     axes: Float[Array, "2 coordinates *rays"]
-    """Derivatives along the axes of each part, the longer one first: it reaches half of them to both sides."""
 
 
 def parts(axes: Float[Array, "2 coordinates *rays"], n: int) -> Parts:

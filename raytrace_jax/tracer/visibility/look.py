@@ -48,7 +48,6 @@ from raytrace_jax.tracer.geometry.shapes import (
     Edge,
     Shapes,
     ShapeType,
-    Sighting,
     approach,
     hit_distance,
     is_within,
@@ -72,17 +71,12 @@ class Nearest(eqx.Module):
     """A candidate surface of each ray.
 
     Args:
-        code: the rest in one number, so that a comparison moves two numbers and not four.
+        code: the index of the shape and, in the last two bits, `outside` and `centered`: in one number, so that a
+            comparison moves two numbers and not four.
     """
 
     t: Scalars
     code: Integers
-
-    @classmethod
-    def of(cls, t, index: Index, found: Sighting) -> "Nearest":
-        """A candidate on the shape of that index."""
-        # From the highest bit: the index, then two flags. The properties below read them.
-        return cls(t, 4 * index + 2 * found.outside.astype(jnp.int32) + found.centered.astype(jnp.int32))
 
     @property
     def shape(self) -> Integers:
@@ -114,14 +108,15 @@ def find_two_nearest(
         found = shape_type.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
         seen = found.seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
         seen = seen if shape.hidden is None else seen & ~shape.hidden
-        return Nearest.of(jnp.where(seen, found.t, jnp.inf), index, found)
+        code = 4 * index + 2 * found.outside.astype(jnp.int32) + found.centered.astype(jnp.int32)
+        return Nearest(jnp.where(seen, found.t, jnp.inf), code)
 
     def nearer(found: Nearest, other: Nearest) -> Flags:
         # On a tie the first shape of the file wins; in a loop one type comes after the other.
         return (found.t < other.t) | ((found.t == other.t) & (found.shape < other.shape))
 
-    # The two nearest of all shapes so far. Only the first may be seen in part: what is behind an edge is looked at
-    # again by the ray that goes past the edge.
+    # The two nearest of all shapes so far. Only the first may be seen in part: the ray that goes past the edge meets
+    # what is behind it again.
     def put_in_order(two: tuple[Nearest, Nearest], found: Nearest) -> tuple[Nearest, Nearest]:
         nearest, second = two
         first = nearer(found, nearest)
@@ -201,7 +196,8 @@ def look(
 
     # Where the near ray hits.
     fixed_near, fixed_shape = jax.lax.stop_gradient((near, surface.shape))
-    t = moved_distance(fixed_near, nearest, fixed_shape, cuts)
+    t = by_type(fixed_shape, lambda shape_type: shape_type.distance(fixed_near, fixed_shape, nearest.outside))
+    t = jnp.where(cuts, t, nearest.t)
     # Near a silhouette the hit lies as deep inside of it as the centroid of the near part, g = depth. As the half chord
     # is sqrt(2 r g), the cosine there is sqrt(2 depth / r). The shifted ray is only linear and may come closer to the
     # rim, where its derivative would run off to infinity: half of this cosine is the least to divide by.
@@ -213,7 +209,7 @@ def look(
     # What goes past ignores this surface and the one passed before, and counts for what is left of the pixel.
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
     throughput = rays.throughput * jax.lax.stop_gradient(1 - cut.area)
-    past = eqx.tree_at(lambda r: (r.beam.passed, r.path_throughput), far, (passed, throughput))
+    past = eqx.tree_at(lambda r: (r.beam.passed, r.throughput), far, (passed, throughput))
     return View(hits, near, jnp.where(cuts, cut.area, 1), cuts, past)
 
 
@@ -285,13 +281,5 @@ def move(rays: Rays, direction, fraction, cut: Cut, cuts) -> list[Rays]:
 
         return o, safe_normalize(d), jax.lax.stop_gradient(Footprint(narrow(footprint.o), narrow(footprint.d)))
 
-    def moved(o, d, narrowed):
-        return eqx.tree_at(lambda r: (r.o, r.d, r.beam.footprint), rays, (o, d, narrowed))
-
-    return [moved(*each) for each in unstacked(jax.vmap(part)(cut.shift, cut.width), 2)]
-
-
-def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Flags) -> Scalars:
-    """Distance along moved rays to the shape that is known to be the nearest; not differentiable."""
-    t = by_type(shape, lambda shape_type: shape_type.distance(rays, shape, nearest.outside))
-    return jnp.where(moved, t, nearest.t)
+    parts = unstacked(jax.vmap(part)(cut.shift, cut.width), 2)
+    return [eqx.tree_at(lambda r: (r.o, r.d, r.beam.footprint), rays, each) for each in parts]
