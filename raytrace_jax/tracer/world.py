@@ -12,6 +12,7 @@ from raytrace_jax.scene.scene import Background, ChannelMaterials, PointLights, 
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.geometry.intersection import Clusters, make_clusters
+from raytrace_jax.tracer.geometry.rays import Number
 from raytrace_jax.tracer.geometry.shape_types import repeated, scene_shapes, shape_materials
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -36,7 +37,7 @@ class World(eqx.Module):
     clusters: list[Clusters]
     materials: Any
     lights: PointLights
-    unit: Float[Array, ""]
+    unit: Number
     textures: Textures | None
     background: Background | None
     channel_ior: Float[Array, "3 shapes"] | None

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.lens import undistorted_factor
 from raytrace_jax.scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Number, Rays, Scalars, Vectors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, normalize, per_ray
 
@@ -48,7 +48,7 @@ def perspective_direction(camera: PerspectiveCamera, u: Scalars, v: Scalars) -> 
     return forward + across * right + upwards * up
 
 
-def off_middle(camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
+def off_middle(camera: Camera) -> tuple[Number, Number]:
     """How far `center` is to the right of and below the picture's middle, in halves of its sides: there exactly 0."""
     width, height = camera.pixeldim
     return (2 * camera.center[0] + 1 - width) / width, (2 * camera.center[1] + 1 - height) / height

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from raytrace_jax.scene.scene import least_distance
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Rays, Scalars, Vectors, take
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Number, Rays, Scalars, Vectors, take
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType, hit_distance, surface_normal
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -86,12 +86,7 @@ class Clusters(eqx.Module):
 
 
 def intersect(
-    shapes: Shapes,
-    rays: Rays,
-    live: Flags,
-    unit: Float[Array, ""],
-    settings: ResolvedSettings,
-    clusters: Sequence[Clusters] = (),
+    shapes: Shapes, rays: Rays, live: Flags, unit: Number, settings: ResolvedSettings, clusters: Sequence[Clusters] = ()
 ) -> Hits:
     """The nearest hit of each ray, differentiable with respect to rays and shapes.
 
@@ -119,12 +114,7 @@ def intersect(
 
 
 def find_nearest(
-    shapes: Shapes,
-    rays: Rays,
-    live: Flags,
-    unit: Float[Array, ""],
-    settings: ResolvedSettings,
-    clusters: Sequence[Clusters] = (),
+    shapes: Shapes, rays: Rays, live: Flags, unit: Number, settings: ResolvedSettings, clusters: Sequence[Clusters] = ()
 ) -> tuple[Scalars, Integers]:
     """Distance and index of the nearest shape along each ray; infinity and `NO_SHAPE` where there is none.
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Planes
 from raytrace_jax.tracer.geometry import shapes
-from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Flags, Number, Rays, Scalars, Vector, Vectors
 from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
@@ -29,7 +29,7 @@ def coefficients(planes: Planes) -> dict[str, Array]:
     return {"position": planes.point, "normal": normal, "curvature": zeros, "radius": zeros}
 
 
-def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""]) -> tuple[Array, Array]:
+def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> tuple[Array, Array]:
     """Distance to one flat surface, and whether that is a hit: not parallel, ahead, and not where the ray starts."""
     cos = dot_fixed(shape.normal, rays.d)
     height = dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o)
@@ -37,9 +37,7 @@ def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""]) -> 
     return t, (jnp.abs(cos) >= shapes.LEAST_COS) & (t > 0) & (t > least) & ~own
 
 
-def hit(
-    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
-) -> tuple[Array, Array]:
+def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
     """Distance along rays to one plane, and whether that is a hit."""
     t, hits = flat_hit(rays, shape, own, least)
     if settings.rules.planes_end_at_image_plane:
@@ -70,7 +68,7 @@ def see_flat(
     shape: Shapes,
     own: Flags,
     may_pass: Flags,
-    least: Float[Array, ""],
+    least: Number,
     settings: ResolvedSettings,
 ) -> shapes.Sighting:
     """The meeting of each footprint with one flat shape that has these edges.
@@ -89,9 +87,9 @@ def see_flat(
 def flat_clearance(
     beyond: Callable[[Vectors, Shapes, ResolvedSettings], Scalars | None],
     o: Vectors,
-    light: Float[Array, "3"],
+    light: Vector,
     shape: Shapes,
-    unit: Float[Array, ""],
+    unit: Number,
     settings: ResolvedSettings,
 ) -> Scalars:
     """The height of `o` on the light's side of a flat surface; from behind, how far outside of it the way crosses it.

@@ -7,11 +7,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+Number = Float[Array, ""]
+Vector = Float[Array, "3"]
+"""One number, and one vector."""
+
 Scalars = Float[Array, " *rays"]
 Vectors = Float[Array, "3 *rays"]
 Flags = Bool[Array, " *rays"]
 Integers = Int[Array, " *rays"]
 """A number, a vector, a truth or a whole number for each ray, whatever axes the rays have."""
+
+Pairs = Float[Array, "2 *rays"]
+Axes = Float[Array, "2 3 *rays"]
+"""Two numbers for each ray, and the derivatives of a vector along a footprint's two axes."""
 
 NO_SHAPE = -1
 """The shape index of a ray that starts in free space, and of one that hits nothing."""
@@ -25,8 +33,8 @@ class Footprint(eqx.Module):
         d: derivatives of the direction with respect to these coordinates.
     """
 
-    o: Float[Array, "2 3 *rays"]
-    d: Float[Array, "2 3 *rays"]
+    o: Axes
+    d: Axes
 
 
 class Beam(eqx.Module):

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from raytrace_jax.scene.scene import Rectangles
 from raytrace_jax.tracer.geometry import shapes
 from raytrace_jax.tracer.geometry.plane import distance, flat_clearance, flat_hit, flat_section, see_flat
-from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Flags, Number, Rays, Scalars, Vectors
 from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, normalize
@@ -45,9 +45,7 @@ def within_borders(p: Vectors, shape: Shapes) -> list[Scalars]:
     ]
 
 
-def hit(
-    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
-) -> tuple[Array, Array]:
+def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
     """Distance along rays to one rectangle, and whether that is a hit."""
     t, hits = flat_hit(rays, shape, own, least)
     along_right, along_up = within_borders(rays.o + jnp.where(hits, t, 0) * rays.d, shape)

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Flags, Pairs, Rays, Scalars, Vectors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, with_lower_ranks
 
@@ -148,7 +148,7 @@ class Edge(eqx.Module):
 
     exists: Flags
     value: Scalars
-    slope: Float[Array, "2 *rays"]
+    slope: Pairs
     fraction: Scalars
 
 
@@ -160,7 +160,7 @@ class Approach(eqx.Module):
         fraction: how much of the footprint that is about right for: the cosine of incidence changes little there.
     """
 
-    slope: Float[Array, "2 *rays"]
+    slope: Pairs
     fraction: Scalars
 
 
@@ -179,7 +179,7 @@ def approach(rays: Rays, shape: Shapes, t: Scalars, side: Scalars | None = None)
     return Approach(slope, jnp.clip(2 * FADE_COS * jnp.abs(cos) / (change + TINY_32), 1e-3, 1))
 
 
-def fraction_of_radius(slope: Float[Array, "2 *rays"], radius: Scalars) -> Scalars:
+def fraction_of_radius(slope: Pairs, radius: Scalars) -> Scalars:
     """The fraction of the footprint over which an event function changes by no more than a radius (or half a side)."""
     return jnp.clip(radius / (jnp.sum(jnp.abs(slope), 0) + TINY_32), 1e-3, 1)
 

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from raytrace_jax.scene.scene import Spheres
 from raytrace_jax.tracer.geometry import shapes
-from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Flags, Number, Rays, Scalars, Vector, Vectors
 from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, per_ray, safe_sqrt, vectors_to
@@ -53,7 +53,7 @@ def coefficients(spheres: Spheres) -> dict[str, Array]:
 
 
 def meeting(
-    rays: Rays, passing: Chord, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
+    rays: Rays, passing: Chord, own: Flags, least: Number, settings: ResolvedSettings
 ) -> tuple[Scalars, Flags, Flags]:
     """Distance at which rays meet one sphere, whether they do, and whether the near end of the chord is no hit.
 
@@ -67,9 +67,7 @@ def meeting(
     return jnp.where(own, 2 * passing.along, jnp.where(behind, far, near)), hits, behind
 
 
-def hit(
-    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
-) -> tuple[Array, Array]:
+def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
     """Distance along rays to one sphere, and whether that is a hit."""
     t, hits, _ = meeting(rays, chord(rays, shape), own, least, settings)
     return t, hits & (t > least)
@@ -90,7 +88,7 @@ def silhouette(rays: Rays, passing: Chord, radius: Scalars, value: Scalars, exis
 
 
 def see(
-    rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Float[Array, ""], settings: ResolvedSettings
+    rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Number, settings: ResolvedSettings
 ) -> shapes.Sighting:
     """The meeting of each footprint with one sphere. Where its centre just misses the rim, a part of it still may."""
     passing = chord(rays, shape)
@@ -115,9 +113,7 @@ def edges(
     return (silhouette(rays, passing, radius, value, outside),)
 
 
-def clearance(
-    o: Vectors, light: Float[Array, "3"], shape: Shapes, unit: Float[Array, ""], settings: ResolvedSettings
-) -> Scalars:
+def clearance(o: Vectors, light: Vector, shape: Shapes, unit: Number, settings: ResolvedSettings) -> Scalars:
     """The distance of the way from `o` to a light from a sphere; for a light within it, how far `o` is inside."""
     toward, toward_center = vectors_to(light, o), vectors_to(shape.position, o)
     length_squared = dot(toward, toward)

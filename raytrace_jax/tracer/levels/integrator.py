@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from raytrace_jax.scene.scene import Camera
 from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import PackedRays, packed, unpacked
+from raytrace_jax.tracer.geometry.rays import PackedRays, Vectors, packed, unpacked
 from raytrace_jax.tracer.levels.compaction import gather, pack_rays
 from raytrace_jax.tracer.levels.level import MODELS, Scattering, trace_level
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -87,7 +87,7 @@ class Outcome(eqx.Module):
         bounce_count: the largest number of bounces after which a ray of the pixel's tree still hit something.
     """
 
-    color: Float[Array, "3 rays"]
+    color: Vectors
     wanted: Int[Array, ""]
     sees_edge: Bool[Array, " rays"] | None = None
     first: Hits | None = None

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.scene.setting_words import TextureFilter, TextureWrap
-from raytrace_jax.tracer.geometry.rays import Integers, Scalars, Vectors, take_column
+from raytrace_jax.tracer.geometry.rays import Axes, Integers, Pairs, Scalars, Vectors, take_column
 from raytrace_jax.tracer.shading.quadrature import mean, parts
 from raytrace_jax.util.numerics import TINY_32, clamp01, dot, instantiated, is_zero, with_lower_ranks
 
@@ -75,7 +75,7 @@ def _halved(texels: Float[Array, "3 _ _"], axis: int) -> Float[Array, "3 _ _"]:
 
 
 def between_texels(
-    pyramid: Pyramid, level: Integers, u: Scalars, v: Scalars, wrap: Wrap, extent: Float[Array, "2 *rays"] | None = None
+    pyramid: Pyramid, level: Integers, u: Scalars, v: Scalars, wrap: Wrap, extent: Pairs | None = None
 ) -> Vectors:
     """Colours between the four nearest texels of a level.
 
@@ -100,12 +100,7 @@ def between_texels(
 
 
 def between_levels(
-    pyramid: Pyramid,
-    squared_width: Scalars,
-    u: Scalars,
-    v: Scalars,
-    wrap: Wrap,
-    extent: Float[Array, "2 *rays"] | None = None,
+    pyramid: Pyramid, squared_width: Scalars, u: Scalars, v: Scalars, wrap: Wrap, extent: Pairs | None = None
 ) -> Vectors:
     """Colours of a level with texels so wide, in texels of the finest, or between the two levels next to it.
 
@@ -162,11 +157,7 @@ def image_colors(
 
 
 def _mean_colors(
-    pyramid: Pyramid,
-    place: Float[Array, "2 *rays"],
-    axes: Float[Array, "2 2 *rays"],
-    kind: TextureFilter,
-    wrap: TextureWrap,
+    pyramid: Pyramid, place: Pairs, axes: Float[Array, "2 2 *rays"], kind: TextureFilter, wrap: TextureWrap
 ) -> Vectors:
     """The means of `image_colors` over parallelograms, from two by two parts, or from four in a row of long ones.
 
@@ -218,7 +209,7 @@ mean_colors.defjvp(_mean_colors_jvp, symbolic_zeros=True)
 WRAP: Wrap = ("repeat", "clamp")
 
 
-def environment_colors(pyramid: Pyramid, d: Vectors, axes: Float[Array, "2 3 *rays"] | None = None) -> Vectors:
+def environment_colors(pyramid: Pyramid, d: Vectors, axes: Axes | None = None) -> Vectors:
     """Colours in directions, or their means over parallelograms of these, which go to them as they shrink.
 
     Args:

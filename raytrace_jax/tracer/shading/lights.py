@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import PointLights
-from raytrace_jax.tracer.geometry.rays import Flags, Integers, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Flags, Integers, Number, Scalars, Vector, Vectors
 from raytrace_jax.tracer.geometry.shape_types import fold_shapes
 from raytrace_jax.tracer.geometry.shapes import ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -37,9 +37,9 @@ class LightSample(NamedTuple):
 
     toward: Vectors
     squared_distance: Scalars
-    location: Float[Array, "3"]
-    emissivity: Float[Array, "3"]
-    energy: Float[Array, ""]
+    location: Vector
+    emissivity: Vector
+    energy: Number
 
     @property
     def direction(self) -> Vectors:
@@ -55,7 +55,7 @@ class LightSample(NamedTuple):
 def over_lights(answer: Callable[[LightSample], T], lights: PointLights, p: Vectors) -> T:
     """The answers of all lights as seen from points `p`, the lights on the first axis."""
 
-    def one(location: Float[Array, "3"], emissivity: Float[Array, "3"], energy: Float[Array, ""]) -> T:
+    def one(location: Vector, emissivity: Vector, energy: Number) -> T:
         toward = vectors_to(location, p)
         squared = dot(toward, toward)
         return answer(LightSample(toward, jnp.where(squared > 0, squared, 1), location, emissivity, energy))
@@ -66,7 +66,7 @@ def over_lights(answer: Callable[[LightSample], T], lights: PointLights, p: Vect
 def light_fractions(
     origins: Float[Array, "3 *nodes rays"],
     own: Integers,
-    light: Float[Array, "3"],
+    light: Vector,
     facing: Flags,
     world: World,
     settings: ResolvedSettings,

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import Flags, Integers, Rays, Scalars, Vectors, take
+from raytrace_jax.tracer.geometry.rays import Axes, Flags, Integers, Rays, Scalars, Vectors, take
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.textures import texture_colors
 from raytrace_jax.tracer.world import World
@@ -71,7 +71,7 @@ def black(world: World, rays: Rays) -> Float[Array, "3 *ones"]:
     return jnp.zeros((3,) + (1,) * (rays.d.ndim - 1), rays.d.dtype)
 
 
-def materials_at(world: World, hits: Hits, footprint: Float[Array, "2 3 *rays"] | None = None) -> Any:
+def materials_at(world: World, hits: Hits, footprint: Axes | None = None) -> Any:
     """The material at each hit, with emission and diffuse colour scaled by a texture; `footprint` as it wants it."""
     material = take(world.materials, hits.shape)
     if world.textures is None:

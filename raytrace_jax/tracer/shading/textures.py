@@ -17,7 +17,7 @@ from raytrace_jax.scene.scene import Checkers, Images, Scene
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import Scalars, Vectors, take
+from raytrace_jax.tracer.geometry.rays import Axes, Pairs, Scalars, Vectors, take
 from raytrace_jax.tracer.geometry.shape_types import present_types
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.shading.image_texture import Pyramid, image_colors, make_pyramid
@@ -50,8 +50,8 @@ class Place(NamedTuple):
         axes: derivatives of `along` along the footprint's two axes, "axis direction"; None for points.
     """
 
-    along: Float[Array, "2 *rays"]
-    half: Float[Array, "2 *rays"]
+    along: Pairs
+    half: Pairs
     axes: Float[Array, "2 2 *rays"] | None
 
 
@@ -71,9 +71,7 @@ def prepare_textures(scene: Scene, pyramids: tuple[Pyramid, ...]) -> Textures | 
     return Textures(scene.checkers, scene.images, pyramids, of_shape, column)
 
 
-def texture_colors(
-    textures: Textures, shapes: Shapes, hits: Hits, footprint: Float[Array, "2 3 *rays"] | None
-) -> Vectors:
+def texture_colors(textures: Textures, shapes: Shapes, hits: Hits, footprint: Axes | None) -> Vectors:
     """The colour of the texture at each hit, 1 where there is none.
 
     Args:
@@ -88,7 +86,7 @@ def texture_colors(
     return color
 
 
-def place_on(shape: Shapes, hits: Hits, footprint: Float[Array, "2 3 *rays"] | None) -> Place:
+def place_on(shape: Shapes, hits: Hits, footprint: Axes | None) -> Place:
     """The positions of hits on their shapes, one shape a ray; anywhere on those that have no mapping."""
     none = jnp.zeros_like(hits.p)
     directions, half = jnp.stack([none, none]), jnp.ones((2, *hits.t.shape), hits.t.dtype)
@@ -133,7 +131,7 @@ LOOK_UPS: dict[str, Callable[[Textures, int, Place], Vectors]] = {"checkers": ch
 
 
 def checker_fraction(
-    position: Float[Array, "2 *rays"],
+    position: Pairs,
     axes: Float[Array, "2 2 *rays"] | None,
     square: Float[Array, " *#rays"],
     offset: Float[Array, "2 *#rays"],
@@ -161,7 +159,7 @@ def checker_fraction(
 
 
 @jax.custom_jvp
-def mean_product(place: Float[Array, "2 *rays"], axes: Float[Array, "2 2 *rays"]) -> Scalars:
+def mean_product(place: Pairs, axes: Float[Array, "2 2 *rays"]) -> Scalars:
     """The mean of s(x) s(y) over parallelograms, in squares."""
     return _mean_and_slopes(place, axes)[0]
 
@@ -179,9 +177,7 @@ def _mean_product_jvp(primals, tangents):
 mean_product.defjvp(with_lower_ranks(_mean_product_jvp), symbolic_zeros=True)
 
 
-def _mean_and_slopes(
-    place: Float[Array, "2 *rays"], axes: Float[Array, "2 2 *rays"]
-) -> tuple[Scalars, Float[Array, "2 *rays"]]:
+def _mean_and_slopes(place: Pairs, axes: Float[Array, "2 2 *rays"]) -> tuple[Scalars, Pairs]:
     """The mean of s(x) s(y) over parallelograms, and its derivatives by place."""
     divided = parts(axes, 4)
     first, second = divided.axes
@@ -199,7 +195,7 @@ Wave = tuple[Float[Array, "2 parts *rays"], Float[Array, "2 parts *rays"], Float
 """The mean of the square wave along x and along y, its slope, and how the slope changes."""
 
 
-def _square_wave(x: Float[Array, "2 parts *rays"], a: Float[Array, "2 *rays"], b: Float[Array, "2 *rays"]) -> Wave:
+def _square_wave(x: Float[Array, "2 parts *rays"], a: Pairs, b: Pairs) -> Wave:
     """The wave over the trapezoids that a parallelogram with extents a and b has on x and on y."""
     a, b = jnp.abs(a), jnp.abs(b)
     # The lesser extent counts as at least so much of the larger one: differences are divided by both.

@@ -8,9 +8,8 @@ second antiderivative of f:
 
     D[F] = (F(d + h+) + F(d - h+) - F(d + h-) - F(d - h-)) / (a b),   h+- = (a +- b) / 2.
 
-With `F_k(x) = max(x, 0)^k / k!` the moments of the part with q > 0 are: its area `A = D[F_2]` (f is the step function),
-`A E[q] = D[F_3]`, and `A E[q^2] / 2 = D[F_4]`. The derivative of A by d is `D[F_1]`, the density of q at the edge. That
-is the length of the edge inside of the pixel: the weight of a moving edge in the pixel's derivative (`look`).
+The derivative of the area by d is the density of q at the edge. That is the length of the edge inside of the pixel: the
+weight of a moving edge in the pixel's derivative (`look`).
 """
 
 import functools
@@ -18,9 +17,9 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars
+from raytrace_jax.tracer.geometry.rays import Flags, Pairs, Rays, Scalars
 from raytrace_jax.tracer.geometry.shapes import (
     Approach,
     Edge,
@@ -145,17 +144,17 @@ class Cut(eqx.Module):
     """
 
     area: Scalars
-    shift: Float[Array, "2 *rays"]
-    width: Float[Array, "2 *rays"]
+    shift: Pairs
+    width: Pairs
 
 
-def reach(normal: Float[Array, "2 *rays"]) -> Scalars:
+def reach(normal: Pairs) -> Scalars:
     """The largest distance at which an edge of this direction still cuts more of the pixel than a corner."""
     a, b = sides(normal)
     return 0.9995 * ((a + b) / 2)
 
 
-def sides(normal: Float[Array, "2 *rays"]) -> tuple[Scalars, Scalars]:
+def sides(normal: Pairs) -> tuple[Scalars, Scalars]:
     """Extents `a = |n_u|` and `b = |n_v|` of the pixel's sides along the edge's normal, each 0.03 at least.
 
     The second difference divides by `a b`: in dtype epsilon e its area has an error of about `e / (a b)`. An edge that
@@ -167,7 +166,7 @@ def sides(normal: Float[Array, "2 *rays"]) -> tuple[Scalars, Scalars]:
     return a, b
 
 
-def cut_pixel(d: Scalars, normal: Float[Array, "2 *rays"]) -> Cut:
+def cut_pixel(d: Scalars, normal: Pairs) -> Cut:
     """Cut pixels by edges at distance `d`; an edge that misses its pixel leaves one part whole.
 
     Differentiable with respect to `d`; the normals and widths are taken as constants.
@@ -178,12 +177,12 @@ def cut_pixel(d: Scalars, normal: Float[Array, "2 *rays"]) -> Cut:
     return Cut(area[0], side * mean - d, width)
 
 
-Moments = tuple[Float[Array, "2 *rays"], Float[Array, "2 *rays"], Float[Array, "2 *rays"]]
+Moments = tuple[Pairs, Pairs, Pairs]
 """Area of the part with q > 0, mean of q over it, and its width along the normal as a fraction of the pixel's."""
 
 
 @jax.custom_jvp
-def half_plane(d: Float[Array, "2 *rays"], a: Scalars, b: Scalars) -> Moments:
+def half_plane(d: Pairs, a: Scalars, b: Scalars) -> Moments:
     """The moments of parts of pixels whose sides extend by `a` and `b` along the normal; widths are constants."""
     return _moments(d, a, b)[0]
 
@@ -197,9 +196,9 @@ def _half_plane_jvp(primals, tangents):
 def _moments(d, a, b) -> tuple[Moments, tuple[Array, Array]]:
     """The moments by second differences, and the derivatives of area and mean by the distance.
 
-    With the square's four corners at distances x_i from the edge and signs s_i = u_i v_i,
+    With `F_k(x) = max(x, 0)^k / k!`, and the square's corners at distances x_i from the edge with signs s_i = u_i v_i,
 
-        D[F_k] = sum_i s_i max(x_i, 0)^k / (k! a b),
+        D[F_k] = sum_i s_i F_k(x_i) / (a b),
         A = D[F_2],  E[q] = D[F_3] / A,  E[q^2] = 2 D[F_4] / A,  dA/dd = D[F_1],  dE[q]/dd = 1 - E[q] D[F_1] / A.
 
     (Heckbert 1986, "Filtering by repeated integration": a box filter is a difference of an antiderivative.)

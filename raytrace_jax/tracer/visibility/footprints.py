@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import Beam, Flags, Footprint, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Axes, Beam, Flags, Footprint, Number, Pairs, Rays, Scalars, Vectors
 from raytrace_jax.tracer.geometry.shapes import GRAZING, Shapes, surface_value
 from raytrace_jax.tracer.resolved_settings import SUBDIVISIONS, ResolvedSettings
 from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, safe_normalize
@@ -24,7 +24,7 @@ Half of it takes a seventh to two fifths more rays and gains little. Double it m
 again (experiments/tuning)."""
 
 
-def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Array, "2 3 *rays"], ...]:
+def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Axes, ...]:
     """Derivatives of hit point and scattered directions along the footprint's axes (Igehy 1999, by forward mode)."""
     rays, hits, shape = jax.lax.stop_gradient((rays, hits, shape))
 
@@ -44,7 +44,7 @@ def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Arr
     return jax.lax.stop_gradient(along)
 
 
-def bounded(footprint: Footprint, unit: Float[Array, ""]) -> Footprint:
+def bounded(footprint: Footprint, unit: Number) -> Footprint:
     """The footprint, each axis shortened as a whole where it has outgrown all scenes.
 
     Between two balls each bounce may spread footprints a thousandfold: after twenty the squares of their edges' slopes
@@ -57,7 +57,7 @@ def bounded(footprint: Footprint, unit: Float[Array, ""]) -> Footprint:
     return Footprint(shorten * footprint.o, shorten * footprint.d)
 
 
-def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3 *rays"]) -> Nodes:
+def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Axes) -> Nodes:
     """Four points of each footprint on its surface; their mean is its light.
 
     They are Gauss-Legendre nodes: in an interval of length one they lie `1 / sqrt(12)` to either side of the middle,
@@ -65,7 +65,7 @@ def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3
     """
     curvature = jax.lax.stop_gradient(shape.curvature)
 
-    def moved(moves: Float[Array, "2 3 *rays"]) -> Float[Array, "3 4 *rays"]:
+    def moved(moves: Axes) -> Float[Array, "3 4 *rays"]:
         # All nodes in one array: one program for the four of them, which lie on either side along both axes.
         signs = (-1, -1, 1, 1), (-1, 1, -1, 1)
         u, v = (jnp.asarray(x, moves.dtype).reshape(4, *(1,) * (moves.ndim - 2)) for x in signs)
@@ -82,9 +82,7 @@ def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3
     return Nodes(hits.p[:, None] + p, n, safe_normalize(rays.d[:, None] + d), spread)
 
 
-def cosine_spread(
-    d: Vectors, n: Vectors, d_moves: Float[Array, "2 3 *rays"], n_moves: Float[Array, "2 3 *rays"]
-) -> Scalars:
+def cosine_spread(d: Vectors, n: Vectors, d_moves: Axes, n_moves: Axes) -> Scalars:
     """The range of the squared cosine of incidence over footprints, to first order, as `Nodes` has it.
 
     Args:
@@ -97,15 +95,13 @@ def cosine_spread(
     return 2 * jnp.abs(dot(d, n)) * jnp.sqrt(12 * variance + TINY_32)
 
 
-def spread_squared(d_axes: Float[Array, "2 3 *rays"]) -> Float[Array, "2 *rays"]:
+def spread_squared(d_axes: Axes) -> Pairs:
     """Squares of the angles by which a scattered footprint is spread along its two axes, in radians."""
     # About a half turn is the widest that counts; 0.75 to 6 do the same.
     return jnp.minimum(jnp.sum(d_axes * d_axes, 1), 3.0**2)
 
 
-def wants_subdivision(
-    rays: Rays, spread: Float[Array, "2 *rays"], may_split: Flags, settings: ResolvedSettings
-) -> tuple[Flags, Flags]:
+def wants_subdivision(rays: Rays, spread: Pairs, may_split: Flags, settings: ResolvedSettings) -> tuple[Flags, Flags]:
     """The rays that are better subdivided, and those of them along the footprint's second axis.
 
     Args:

@@ -37,11 +37,10 @@ import operator
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import least_distance
 from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Footprint, Integers, Rays, Scalars, take
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Footprint, Integers, Number, Rays, Scalars, take
 from raytrace_jax.tracer.geometry.shape_types import Index, by_type, fold_shapes, is_curved, present_types
 from raytrace_jax.tracer.geometry.shapes import (
     GRAZING,
@@ -95,7 +94,7 @@ class Nearest(eqx.Module):
 
 
 def find_two_nearest(
-    shapes: Shapes, rays: Rays, live, may_pass, least: Float[Array, ""], settings: ResolvedSettings
+    shapes: Shapes, rays: Rays, live, may_pass, least: Number, settings: ResolvedSettings
 ) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 
@@ -154,9 +153,7 @@ class View(eqx.Module):
     past: Rays
 
 
-def look(
-    shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Float[Array, ""], settings: ResolvedSettings
-) -> View:
+def look(shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number, settings: ResolvedSettings) -> View:
     """Find what each ray's footprint sees first, and split it at the edge of the smallest signed distance.
 
     Args:
