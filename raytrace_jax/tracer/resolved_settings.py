@@ -6,16 +6,9 @@ import warnings
 from typing import Annotated, Any
 
 from raytrace_jax.errors import SceneWarning, SettingsError
+from raytrace_jax.scene import setting_words as words
 from raytrace_jax.scene.response import Frame
 from raytrace_jax.scene.scene import FileSettings, Scene, check_scene
-from raytrace_jax.scene.setting_words import (
-    MAX_BOUNCES,
-    MAX_SAMPLES,
-    EtaConvention,
-    ModelName,
-    PixelConvention,
-    Reflectance,
-)
 from raytrace_jax.tracer.settings import MODEL_RULES, ModelRules, RenderSettings
 from raytrace_jax.util.checked import Wanted
 
@@ -40,12 +33,12 @@ class ResolvedSettings(RenderSettings):
         SettingsError: as `RenderSettings`.
     """
 
-    samples: Annotated[int, Wanted(least=1, most=MAX_SAMPLES)] = 1
-    mapping: PixelConvention = OF_MODEL
-    reflectance: Reflectance = "schlick"
-    eta: EtaConvention = "course"
-    max_bounces: Annotated[int, Wanted(least=0, most=MAX_BOUNCES)] = OF_MODEL
-    model: ModelName = "classic"
+    samples: Annotated[int, Wanted(least=1, most=words.MAX_SAMPLES)] = 1
+    mapping: words.PixelConvention = OF_MODEL
+    reflectance: words.Reflectance = "schlick"
+    eta: words.EtaConvention = "course"
+    max_bounces: Annotated[int, Wanted(least=0, most=words.MAX_BOUNCES)] = OF_MODEL
+    model: words.ModelName = "classic"
     path_limit: Annotated[float, Wanted("a length greater than 0", above=0)] = OF_MODEL
     least_weight: Annotated[float, Wanted(least=0, below=1)] = OF_MODEL
 

@@ -6,16 +6,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from raytrace_jax.errors import SettingsError
-from raytrace_jax.scene.setting_words import (
-    MAX_BOUNCES,
-    MAX_PICTURE_SIDE,
-    MAX_SAMPLES,
-    EdgeMode,
-    EtaConvention,
-    ModelName,
-    PixelConvention,
-    Reflectance,
-)
+from raytrace_jax.scene import setting_words as words
 from raytrace_jax.util.checked import Checked, Wanted
 
 AovName = Literal["depth", "normal", "position", "shape_index", "bounce_count"]
@@ -52,12 +43,12 @@ class ModelRules(NamedTuple):
     max_bounces: int
     path_limit: float
     planes_end_at_image_plane: bool
-    mapping: PixelConvention
+    mapping: words.PixelConvention
     least_weight: float
     only: dict[str, object]
 
 
-MODEL_RULES: dict[ModelName, ModelRules] = {
+MODEL_RULES: dict[words.ModelName, ModelRules] = {
     # Course model, 1.2: the length of paths, and where planes end.
     "classic": ModelRules(5, 100.0, True, "corner", 0.0, {"least_weight": 0.0}),
     "additive": ModelRules(
@@ -99,26 +90,28 @@ class RenderSettings(Checked):
 
     size: Annotated[
         tuple[int, int] | None,
-        Wanted(f"(width, height), each 1 to {MAX_PICTURE_SIDE} pixels", "W H", least=1, most=MAX_PICTURE_SIDE),
+        Wanted(
+            f"(width, height), each 1 to {words.MAX_PICTURE_SIDE} pixels", "W H", least=1, most=words.MAX_PICTURE_SIDE
+        ),
     ] = None
     """Width and height of the picture in pixels; without it the camera's pixeldim."""
     crop: Annotated[
         tuple[int, int, int, int] | None, Wanted("(x, y, width, height), four whole numbers of pixels", "X Y W H")
     ] = None
     """Render only this window of the picture: its left and top pixel, its width and its height."""
-    samples: Annotated[int | None, Wanted(metavar="N", least=1, most=MAX_SAMPLES)] = None
+    samples: Annotated[int | None, Wanted(metavar="N", least=1, most=words.MAX_SAMPLES)] = None
     """Samples per pixel and side: N renders an N x N grid within each pixel and averages it, 1 to 64. Without it 1."""
-    mapping: PixelConvention | None = None
+    mapping: words.PixelConvention | None = None
     """Where the pixels look. corner: pixel x at x / (width - 1) of the image plane, end points included, as the
     course has it; center: at (x + 1/2) / width, the centres of pixels that tile the image plane. Without it corner, in
     the physical model center."""
-    reflectance: Reflectance | None = None
+    reflectance: words.Reflectance | None = None
     """How reflected and transmitted light share a transparent surface. none: alpha blends the transmitted ray only;
     schlick: alpha blends both, weighted with Schlick's approximation of Fresnel's equations. Without it schlick."""
-    eta: EtaConvention | None = None
+    eta: words.EtaConvention | None = None
     """The ratio of indices on leaving a shape. course: 1.000293 * ior, as the course's code has it; physical:
     ior / 1.000293. Entering is the same in both. Without it course."""
-    max_bounces: Annotated[int | None, Wanted(metavar="N", least=0, most=MAX_BOUNCES)] = None
+    max_bounces: Annotated[int | None, Wanted(metavar="N", least=0, most=words.MAX_BOUNCES)] = None
     """How often a path may bounce, 0 to 64; a ray that has bounced more often is black. Without it 5, in the additive
     model 2, in the physical one 12."""
     total_internal_reflection: bool = True
@@ -129,12 +122,12 @@ class RenderSettings(Checked):
     """Follow the mirror ray of the specular colour, in the additive model of the reflectivity; off, there is none."""
     aov: Annotated[tuple[AovName, ...], Wanted(metavar="NAME ...")] = ()
     """More channels for the OpenEXR file: depth, normal, position, shape_index, bounce_count."""
-    edges: EdgeMode | None = None
+    edges: words.EdgeMode | None = None
     """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.
     Without it what the scene's file says, or point; derivatives then are those of areas, and see edges move."""
     binning: Annotated[int, Wanted(metavar="N", least=1, most=64)] = 1
     """Render one large pixel for each N x N of the picture: a quick preview. A crop is counted in large pixels."""
-    model: ModelName | None = None
+    model: words.ModelName | None = None
     """The shading model. It also gives the defaults of what the scene's file leaves out. classic: the assignment's
     model; additive: that of the report on checkpoints 4 to 6, with shadows; physical: that of real glass. Default: the
     settings in the scene's file, else classic. For the other options, too, the file's settings come first."""

@@ -14,14 +14,7 @@ from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Flags, Footprint, 
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading import additive, classic, physical
 from raytrace_jax.tracer.shading.model import Children, Model, materials_at
-from raytrace_jax.tracer.visibility.footprints import (
-    bounded,
-    light_nodes,
-    spread_squared,
-    subdivide,
-    transport,
-    wants_subdivision,
-)
+from raytrace_jax.tracer.visibility import footprints
 from raytrace_jax.tracer.visibility.look import look
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, materialize, renormalize, select
@@ -95,12 +88,12 @@ def area_level(world: World, rays: Rays, live: Flags, number: Integers, settings
     has_levels = settings.levels - number > settings.max_bounces - rays.beam.depth
     view = look(world.shapes, rays, live, has_levels, world.unit, settings)
     surface, children, spread = scatter_areas(world, view.rays, view.si, view.coverage, settings)
-    subdivided, second = wants_subdivision(rays, spread, has_levels & live, settings)
+    subdivided, second = footprints.wants_subdivision(rays, spread, has_levels & live, settings)
 
     children = [*children, (view.passes, view.past)]
     children = [
         (wanted | subdivided, select(subdivided, part, child))
-        for (wanted, child), part in zip(children, subdivide(rays, second), strict=True)
+        for (wanted, child), part in zip(children, footprints.subdivide(rays, second), strict=True)
     ]
     background = MODELS[settings.model].background(world, view.rays)
     scattering = Scattering(surface, background, view.coverage, subdivided, view.passes | subdivided)
@@ -125,8 +118,10 @@ def scatter_areas(
     # How the footprint goes on from the surface, by the index of refraction at its middle.
     media = model.media(world, si, dot(rays.d, si.n) < 0, settings)
     eta = jax.lax.stop_gradient(media.eta)
-    p_axes, reflected, transmitted = transport(rays, si, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0]))
-    nodes = materialize(light_nodes(rays, si, shape, p_axes), si.valid)
+    p_axes, reflected, transmitted = footprints.transport(
+        rays, si, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0])
+    )
+    nodes = materialize(footprints.light_nodes(rays, si, shape, p_axes), si.valid)
     surface, children = model.shade(si, rays, world, media, materials_at(world, si, p_axes), settings, nodes)
 
     # Which rays are wanted, how much they count, and whose footprint spreads too widely for that.
@@ -135,11 +130,13 @@ def scatter_areas(
     children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
     weights = jax.lax.stop_gradient(coverage * jnp.stack(model.child_weights(surface)))
     throughput = jnp.where(wanted, rays.throughput * weights, 0)
-    spread = throughput[0] * spread_squared(reflected) + throughput[1] * spread_squared(transmitted)
+    spread = throughput[0] * footprints.spread_squared(reflected) + throughput[1] * footprints.spread_squared(
+        transmitted
+    )
 
     nothing = jnp.full_like(beam.passed, NO_SHAPE)
-    footprints = [bounded(Footprint(p_axes, d), world.unit) for d in (reflected, transmitted)]
-    beams = [Beam(footprint, nothing, beam.depth + 1, beam.subdivisions) for footprint in footprints]
+    parts = [footprints.bounded(Footprint(p_axes, d), world.unit) for d in (reflected, transmitted)]
+    beams = [Beam(part, nothing, beam.depth + 1, beam.subdivisions) for part in parts]
     return surface, scattered_rays(si, children, throughput, beams, settings), spread
 
 

@@ -53,16 +53,7 @@ from raytrace_jax.tracer.geometry.shapes import (
     surface_normal,
 )
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.visibility.coverage import (
-    Cut,
-    SurfaceAhead,
-    cut_pixel,
-    facing_side,
-    most_central,
-    occlusion_edge,
-    path_end,
-    reach,
-)
+from raytrace_jax.tracer.visibility import coverage
 from raytrace_jax.util.numerics import dot, materialize, safe_normalize, select, unstacked
 
 
@@ -171,7 +162,7 @@ def look(shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number,
     twice = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None, :], (*x.shape[:-1], 2, x.shape[-1])), rays)
     met = meet(twice, shapes, two, exist)
     surface, behind = (jax.tree.map(operator.itemgetter((..., k, slice(None))), met) for k in range(2))
-    between = materialize(occlusion_edge(rays, surface, behind, behind_exists), live)
+    between = materialize(coverage.occlusion_edge(rays, surface, behind, behind_exists), live)
     # A sphere whose rim the centre just misses may lie behind the other surface wherever the footprint sees it.
     hidden = behind_exists & ~nearest.centered & ~is_within(between)
     nearest, surface = select(hidden, (second, behind), (nearest, surface))
@@ -179,14 +170,14 @@ def look(shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number,
     # One edge, of the smallest signed distance, cuts the footprint in two; others are left to the rays of both parts.
     edges = own_edges(rays, surface, nearest.outside, settings)
     if settings.has_path_limit:
-        edges.append(path_end(rays, surface.t, surface.approach, settings.path_limit))
+        edges.append(coverage.path_end(rays, surface.t, surface.approach, settings.path_limit))
     edges.append(eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden))
-    distance, direction, fraction, step = materialize(most_central(tuple(edges)), live)
+    distance, direction, fraction, step = materialize(coverage.most_central(tuple(edges)), live)
     # Where it does not cut, the centre decides alone. The distance 2 is beyond any footprint's reach: all is near.
-    cuts = found & (jnp.abs(distance) < reach(direction)) & may_pass
+    cuts = found & (jnp.abs(distance) < coverage.reach(direction)) & may_pass
     present = found & (cuts | (distance > 0))
     distance = jnp.where(cuts, distance, 2)
-    cut = materialize(cut_pixel(distance, direction), live)
+    cut = materialize(coverage.cut_pixel(distance, direction), live)
 
     # The ray of each part, through the part's centroid: the near one hits, the far one goes past the edge.
     near, far = materialize(move(rays, direction, fraction, cut, cuts), live)
@@ -213,7 +204,7 @@ def look(shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number,
 def hit_surface(
     rays: Rays,
     index: Integers,
-    surface: SurfaceAhead,
+    surface: coverage.SurfaceAhead,
     t: Scalars,
     least_cos: Scalars,
     present: Flags,
@@ -238,16 +229,16 @@ def hit_surface(
     return Hits(valid, t, p, n, jnp.maximum(index, 0), path_length)
 
 
-def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Flags) -> SurfaceAhead:
+def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Flags) -> coverage.SurfaceAhead:
     """The surface that each ray is known to meet, with a differentiable distance."""
     shape = take(shapes, jnp.maximum(nearest.shape, 0))
     curved = is_curved(shape)
-    side = facing_side(jax.lax.stop_gradient(rays), shape, curved, nearest.outside)
+    side = coverage.facing_side(jax.lax.stop_gradient(rays), shape, curved, nearest.outside)
     t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING, side)
-    return SurfaceAhead(shape, curved, t, side, approach(rays, shape, t, side))
+    return coverage.SurfaceAhead(shape, curved, t, side, approach(rays, shape, t, side))
 
 
-def own_edges(rays: Rays, surface: SurfaceAhead, outside: Flags, settings: ResolvedSettings) -> list[Edge]:
+def own_edges(rays: Rays, surface: coverage.SurfaceAhead, outside: Flags, settings: ResolvedSettings) -> list[Edge]:
     """The edges that the surfaces have by themselves, of every type that is in the scene."""
     found = []
     for number, shape_type in present_types(surface.shape):
@@ -257,7 +248,7 @@ def own_edges(rays: Rays, surface: SurfaceAhead, outside: Flags, settings: Resol
     return found
 
 
-def move(rays: Rays, direction, fraction, cut: Cut, cuts) -> list[Rays]:
+def move(rays: Rays, direction, fraction, cut: coverage.Cut, cuts) -> list[Rays]:
     """Rays at the centroids of the near and the far part of their footprint, which become their footprints.
 
     Args:
