@@ -131,7 +131,7 @@ def radiance_derivatives(
     image, overflow = found.color.reshape(3, height, width), found.overflow
     if not settings.edges:
         points = dataclasses.replace(settings.of_points, aov=())
-        radiance = render_radiance(dataclasses.replace(unknowns.moved(scene, y), film=None), points, room)
+        radiance = render_radiance(unknowns.moved(scene, y), points, room)
         image, overflow = radiance.image, overflow + radiance.overflow
     return image, found.jacobian.reshape(-1, 3, height, width), overflow
 

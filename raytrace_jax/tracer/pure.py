@@ -230,7 +230,6 @@ def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: f
     settings = resolve_settings(scene, settings)
     if is_traced(scene):
         raise ValueError("make_renderer() needs a scene's values: call it outside of JAX's transformations")
-    settings.window(scene.camera.pixeldim)
     check_values(scene)
     refuse_too_large(scene, settings)
     return Renderer(settings, room_for(scene, settings, slack), scene.model)

@@ -95,6 +95,7 @@ def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int 
 
     Raises:
         PictureError: says how much memory is needed and free, and what to do.
+        SettingsError: a crop outside of the picture.
     """
     _, _, width, height = settings.window(scene.camera.pixeldim)
     # To ask how much memory there is takes some fifty microseconds: smaller pictures fit anywhere.
@@ -134,7 +135,6 @@ def render(scene: Scene, settings: RenderSettings | None = None) -> Film:
         PictureError: there is no memory for such a picture.
     """
     settings = resolve_settings(scene, settings)
-    settings.window(scene.camera.pixeldim)
     if is_traced(scene):
         raise ValueError("render() needs a scene's values: inside of a JAX transformation use make_renderer(scene)")
     check_values(scene)

@@ -149,5 +149,6 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
     said: dict[str, Any] = {name: getattr(scene.settings, name, None) for name in FILE_SETTINGS}
     if said["model"] != model:
         said = {name: value for name, value in said.items() if name not in MODEL_RULES[model].only}
-    said |= {name: value for name, value in vars(asked).items() if value is not None} | {"model": model}
+    given = {field.name: getattr(asked, field.name) for field in dataclasses.fields(RenderSettings)}
+    said |= {name: value for name, value in given.items() if value is not None} | {"model": model}
     return ResolvedSettings(**{name: value for name, value in said.items() if value is not None})
