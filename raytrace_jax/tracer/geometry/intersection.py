@@ -5,6 +5,7 @@ level are sorted by the first bound that they enter and go in packets. A packet 
 on, and into none whose bound every ray of it misses, or enters only beyond what it has found.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 
@@ -230,7 +231,7 @@ def search_clusters(
     order = jnp.concatenate([order, jnp.broadcast_to(order[-1:], (-count % packet_size,))])
 
     # Footprints take no part in the search, and sorting them costs.
-    without_beams = Rays(rays.o, rays.d, rays.path_length, rays.origin_shape, rays.inside)
+    without_beams = dataclasses.replace(rays, beam=None, throughput=None)
 
     def packets(values: Array) -> Array:
         return jnp.moveaxis(values[..., order].reshape(*values.shape[:-1], -1, packet_size), -2, 0)

@@ -7,12 +7,14 @@ counts in its pixel, so that the measure is the product of its weight and the sq
 linear footprint leaves out.
 """
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import Axes, Beam, Flags, Footprint, Number, Pairs, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Axes, Flags, Footprint, Number, Pairs, Rays, Scalars, Vectors
 from raytrace_jax.tracer.geometry.shapes import GRAZING, Shapes, surface_value
 from raytrace_jax.tracer.resolved_settings import SUBDIVISIONS, ResolvedSettings
 from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, safe_normalize
@@ -122,18 +124,11 @@ def subdivide(rays: Rays, second: Flags) -> list[Rays]:
         return jnp.stack([jnp.where(second, axes[0], axes[0] / 3), jnp.where(second, axes[1] / 3, axes[1])])
 
     narrow = Footprint(third(footprint.o), third(footprint.d))
-    part = Beam(narrow, beam.passed, beam.depth, beam.subdivisions + 1)
+    part = dataclasses.replace(beam, footprint=narrow, subdivisions=beam.subdivisions + 1)
+    part = dataclasses.replace(rays, beam=part, throughput=rays.throughput / 3)
     # The axes span the square from -1/2 to 1/2: the thirds' middles are at -1/3, 0 and 1/3.
     o_axis, d_axis = (jnp.where(second, axes[1], axes[0]) for axes in (footprint.o, footprint.d))
     return [
-        Rays(
-            rays.o + offset * o_axis,
-            safe_normalize(rays.d + offset * d_axis),
-            rays.path_length,
-            rays.origin_shape,
-            rays.inside,
-            part,
-            rays.throughput / 3,
-        )
+        dataclasses.replace(part, o=rays.o + offset * o_axis, d=safe_normalize(rays.d + offset * d_axis))
         for offset in (-1 / 3, 0, 1 / 3)
     ]
