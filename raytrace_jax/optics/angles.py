@@ -1,4 +1,4 @@
-"""Snell's law for angles, and the ranges of arguments: how far surfaces bend and shift a ray, and where they let it."""
+"""Snell's law for angles: deviations, shifts and limits; and the check of all formulas' arguments."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -44,7 +44,7 @@ def critical_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
         SettingsError: `eta` is greater than 1.
     """
     wanted = "1 at most is wanted, the index behind over the index in front: into a denser medium everything passes"
-    return _arcsin(asked(index(eta), ~(jnp.asarray(eta) > 1), "eta", wanted))
+    return _arcsin(in_range(index(eta), ~(jnp.asarray(eta) > 1), "eta", wanted))
 
 
 def brewster_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
@@ -82,7 +82,7 @@ def slab_shift(
     """
     theta_i, eta = angle(theta_i), index(eta)
     enters = jnp.abs(jnp.sin(theta_i)) < eta
-    theta_t = snell_angle(asked(theta_i, enters, "theta_i", "the reflection is total there: nothing enters"), eta)
+    theta_t = snell_angle(in_range(theta_i, enters, "theta_i", "the reflection is total there: nothing enters"), eta)
     return jnp.asarray(thickness) * (jnp.sin(theta_i) - jnp.cos(theta_i) * jnp.tan(theta_t))
 
 
@@ -115,7 +115,7 @@ def prism_deviation(
     theta_i, eta, apex = angle(theta_i), index(eta), jnp.asarray(apex)
     inner = apex - snell_angle(theta_i, eta)
     leaves = (jnp.abs(jnp.sin(theta_i)) < eta) & (jnp.abs(inner) < jnp.pi / 2) & (eta * jnp.abs(jnp.sin(inner)) < 1)
-    inner = asked(inner, leaves, "the angle within", "no ray leaves by the second face")
+    inner = in_range(inner, leaves, "the angle within", "no ray leaves by the second face")
     return theta_i + _arcsin(eta * jnp.sin(inner)) - apex
 
 
@@ -126,7 +126,7 @@ def _arcsin(x: Float[Array, "*rays"]) -> Float[Array, "*rays"]:
     return jnp.where(inside, jnp.arcsin(jnp.where(inside, x, 0)), jnp.where(x < 0, -jnp.pi / 2, jnp.pi / 2))
 
 
-def asked(
+def in_range(
     values: Float[ArrayLike, "*rays"], is_right: Bool[Array, "*rays"], name: str, wanted: str
 ) -> Float[Array, "*rays"]:
     """The values as an array; within `jit` and `vmap` NaN where they are not right, derivatives too.
@@ -144,18 +144,18 @@ def asked(
 
 
 def cosine(values: Float[ArrayLike, "*rays"], name: str) -> Float[Array, "*rays"]:
-    """Cosines of angles of incidence, as `asked`."""
+    """Cosines of angles of incidence, as `in_range`."""
     is_wrong = (jnp.asarray(values) < 0) | (jnp.asarray(values) > 1 + 1e-6)  # By rounding in float32.
     wanted = "0 to 1 is wanted: that of the ray with the normal on its own side, -dot(d, n) or abs(dot(d, n))"
-    return asked(values, ~is_wrong, name, wanted)
+    return in_range(values, ~is_wrong, name, wanted)
 
 
 def angle(values: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
-    """Angles of incidence, as `asked`."""
+    """Angles of incidence, as `in_range`."""
     is_wrong = jnp.abs(jnp.asarray(values)) > jnp.pi / 2 + 1e-6  # By rounding in float32.
-    return asked(values, ~is_wrong, "theta_i", "-pi / 2 to pi / 2 is wanted, in radians")
+    return in_range(values, ~is_wrong, "theta_i", "-pi / 2 to pi / 2 is wanted, in radians")
 
 
 def index(values: Float[ArrayLike, "*rays"], name: str = "eta") -> Float[Array, "*rays"]:
-    """Indices of refraction or their ratios, as `asked`."""
-    return asked(values, ~(jnp.asarray(values) <= 0), name, "more than 0 is wanted")
+    """Indices of refraction or their ratios, as `in_range`."""
+    return in_range(values, ~(jnp.asarray(values) <= 0), name, "more than 0 is wanted")

@@ -151,8 +151,8 @@ def _queue_of(
     found |= {"theta_i": jnp.arccos(jnp.clip(jnp.abs(d_dot_n), 0, 1)), "total": total & transparent}
     found |= {"theta_t": jnp.where(transparent & ~total, jnp.arccos(jnp.clip(cos_theta_t, -1, 1)), -1)}
     found |= {"reflect": reflect, "transmit": transmit}
-    if media.left is not None and media.front is not None:
-        found |= {"medium": media.front, "absorbed": 1 - jnp.mean(media.left, axis=0)}
+    if media.transmittance is not None and media.front is not None:
+        found |= {"medium": media.front, "absorbed": 1 - jnp.mean(media.transmittance, axis=0)}
     return queue.tail, found
 
 
@@ -168,12 +168,12 @@ def _as_nodes(found: dict[str, np.ndarray], names: tuple[str, ...]) -> tuple[Ray
         # Its weight is its parent's times what the parent sends its way.
         above = None if parent is None else nodes[parent]
         weight = above.weight * (above.reflect if kind == "reflected" else above.transmit) if above else 1.0
-        told: dict[str, Any] = {name: own[name] for name in ("o", "d", "p", "n", "color")}
-        told |= {name: own[name].item() for name in ("distance", "path_length")}
+        fields: dict[str, Any] = {name: own[name] for name in ("o", "d", "p", "n", "color")}
+        fields |= {name: own[name].item() for name in ("distance", "path_length")}
         if own["valid"]:
-            told |= {name: own[name].item() for name in ("entering", "theta_i", "total", "reflect", "transmit")}
-            told |= {"shape": names[own["shape"]], "theta_t": own["theta_t"].item() if own["theta_t"] >= 0 else None}
+            fields |= {name: own[name].item() for name in ("entering", "theta_i", "total", "reflect", "transmit")}
+            fields |= {"shape": names[own["shape"]], "theta_t": own["theta_t"].item() if own["theta_t"] >= 0 else None}
             if own.get("medium", NO_SHAPE) != NO_SHAPE:
-                told |= {"medium": names[own["medium"]], "absorbed": own["absorbed"].item()}
-        nodes.append(RayNode(number, parent, kind, own["number"].item(), weight, **told))
+                fields |= {"medium": names[own["medium"]], "absorbed": own["absorbed"].item()}
+        nodes.append(RayNode(number, parent, kind, own["number"].item(), weight, **fields))
     return tuple(nodes)

@@ -78,7 +78,7 @@ def light_fractions(
         origins: where the nodes' shadow rays start, a little off the surface.
         own: index of the shape on which they lie.
         facing: whether a hit is on the side that its shape's normal points to. From there the shape's own shadow is
-            where the light stands below the surface, which the caller knows; it is not told again.
+            where the light stands below the surface: the caller takes care of that.
         clear: for each shape which fraction of the light it lets through; None where none of them lets any.
     """
     shapes = world.shapes
@@ -87,11 +87,11 @@ def light_fractions(
         shape = jax.tree.map(lambda values: values[..., index], shapes)
         clearance = shape_type.clearance(origins, light, shape, world.unit, settings) / world.unit
         # A flat shape never stands in the way of its own points.
-        told = (own == index) & (facing if shape_type.curved else True)
-        told = told if shape.hidden is None else told | shape.hidden
+        ignored = (own == index) & (facing if shape_type.curved else True)
+        ignored = ignored if shape.hidden is None else ignored | shape.hidden
         fraction = positive_fractions(clearance)
         if clear is not None:
             fraction += clear[index] * (1 - fraction)
-        return jnp.where(told, 1, fraction)
+        return jnp.where(ignored, 1, fraction)
 
     return fold_shapes(shapes.types, ask, operator.mul, jnp.ones_like(origins[0]))

@@ -36,12 +36,12 @@ class Media(NamedTuple):
     Args:
         eta: `eta_t / eta_i`, the index behind the surface over that in front of it.
         front: the shape whose medium the ray ran through, or `NO_SHAPE`; None where the model has no media.
-        left: the fraction of light that it lets through; None as above.
+        transmittance: the fraction of radiance that it lets through; None as above.
     """
 
     eta: Scalars
     front: Integers | None = None
-    left: Vectors | None = None
+    transmittance: Vectors | None = None
 
 
 class Model(NamedTuple):

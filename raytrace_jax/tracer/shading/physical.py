@@ -69,9 +69,9 @@ def shade(
     mirror = jnp.where(hits.valid, m.transmission * reflectance + opaque * m.reflectivity, 0)
     through = jnp.where(hits.valid & ~total, m.transmission * (1 - reflectance), 0)
 
-    assert media.left is not None, "this model has media"
+    assert media.transmittance is not None, "this model has media"
     local = m.emission + opaque * m.diffuse * lambert_light(hits, at, entering, world, settings)
-    surface = Surface(jnp.where(hits.valid, local, 0), mirror, through, media.left)
+    surface = Surface(jnp.where(hits.valid, local, 0), mirror, through, media.transmittance)
     return surface, Children(mirror > 0, through > 0, reflect(d, n), transmitted, entering)
 
 
