@@ -44,7 +44,7 @@ def children_of(scene, rays):
     """The rays that all hits of `rays` send on."""
     level = point_level(prepare_world(scene, SETTINGS), rays, jnp.ones(COUNT, bool), SETTINGS)
     rays, packing = pack_rays(level.children, jnp.ones(COUNT, jnp.int32))
-    return unpacked(rays), jnp.arange(packing.candidate.size) < packing.count
+    return unpacked(rays), jnp.arange(packing.candidate.size, dtype=jnp.int32) < packing.count
 
 
 def free_rays(o, d, dtype=jnp.float64):
