@@ -29,7 +29,7 @@ of the edge inside of the footprint (`coverage`), and `(dg/dtheta) / |grad g|` i
 
 The footprint is a constant to the parameter derivative. Summed over all rays that see an edge, the derivative of A does
 not depend on the footprint's size. An approximate footprint therefore changes the blur, not the total. Only edges that
-a footprint has outgrown lose some of their derivative (`edge_distance`). docs/edges.md has the derivation.
+a footprint has outgrown lose some of their derivative (`coverage.edge_distance`). docs/edges.md has the derivation.
 """
 
 import operator
