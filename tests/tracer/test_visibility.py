@@ -116,7 +116,7 @@ def test_a_ball_scaled_as_seen_from_the_eye_keeps_its_outline():
     assert relative_error(found, expected) < 0.01
 
 
-SMALL = in_both_modes(resolved(size=(16, 12), edges="aware"), Capacity(16384, 192))
+SMALL = in_both_modes(resolved(size=(16, 12), edges="aware"), Capacity(32768, 192))
 
 
 @pytest.mark.slow
