@@ -94,16 +94,21 @@ def awkward_physical(seed, what, size=SIZE):
 
 
 def both_modes(edges, size=SIZE, rays=64):
-    """A function of scene and direction: picture, its change, and the change of a weighted sum in both modes.
+    """`in_both_modes` for scenes of `awkward_physical`.
 
     Of a larger picture fewer pixels lie at edges: it needs room for fewer `rays` a pixel.
     """
     how = ResolvedSettings(size=size, model="physical", mapping="center", max_bounces=BOUNCES, edges=edges)
     half = size[0] * size[1] // 2
-    room = Capacity(16 * in_blocks(half * rays / 16), half)
+    return in_both_modes(how, Capacity(16 * in_blocks(half * rays / 16), half))
+
+
+def in_both_modes(how, room):
+    """A function of scene and direction: picture, its change, and the change of a weighted sum in both modes."""
+    width, height = how.size
 
     def pictures(scene, along):
-        weight = jnp.sin(jnp.arange(3.0 * size[0] * size[1])).reshape(3, size[1], size[0])
+        weight = jnp.sin(jnp.arange(3.0 * width * height)).reshape(3, height, width)
 
         def picture(scene):
             film = pure_picture(scene, how, room)
@@ -127,8 +132,12 @@ def direction_like(scene, seed):
 
 
 def faults(program, seed, what, size=SIZE):
+    """`faults_of` a scene of `awkward_physical`."""
+    return faults_of(program, awkward_physical(seed, what, size), seed)
+
+
+def faults_of(program, scene, seed, tolerance=1e-6):
     """What is wrong with the pictures of a scene, in words; none where all is finite and both modes agree."""
-    scene = awkward_physical(seed, what, size)
     image, change, forward, reverse, terms, overflow = program(scene, direction_like(scene, seed))
     found = []
     if int(overflow):
@@ -139,6 +148,6 @@ def faults(program, seed, what, size=SIZE):
             found.append(f"{name} not finite at (row, column) {bad[:4].tolist()}")
     if not np.isfinite(float(reverse)):
         found.append("gradient not finite")
-    elif not abs(float(forward) - float(reverse)) <= 1e-6 * float(terms):
+    elif not abs(float(forward) - float(reverse)) <= tolerance * float(terms):
         found.append(f"forward {float(forward):.9g}, reverse {float(reverse):.9g}, terms of {float(terms):.3g}")
     return found

@@ -105,7 +105,7 @@ def all_chunks(scene, settings):
             return pack_rays([(wanted & live, child) for wanted, child in level.children], rays.number + 1)
 
         found, packing = jax.lax.map(children, (waiting, live))
-        return found, packing.live
+        return found, jnp.arange(packing.candidate.shape[-1], dtype=jnp.int32) < packing.count[:, None]
 
     (points, step), chunks = picture_pixels(scene, settings), []
     u, v = jnp.asarray(points)

@@ -73,7 +73,7 @@ MUTATIONS = {
         "tracer/geometry/camera.py", "from_bottom = (height - 1) - row", "from_bottom = height - row", "cameras render"
     ),
     "checker_edges": Mutation(
-        "tracer/shading/checker_texture.py", "(i, j, i * j) for", "(i, j, abs(i * j)) for", "textures"
+        "tracer/shading/textures.py", "(i, j, i * j) for", "(i, j, abs(i * j)) for", "textures"
     ),
     "cauchy_guard": Mutation(
         "inverse/problem/linearize.py", "large = squared > 1e-8", "large = squared > -1.0", "losses"

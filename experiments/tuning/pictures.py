@@ -12,7 +12,6 @@ from replacing import replaced
 
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, trace
 from raytrace_jax.tracer.levels.level import trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
@@ -46,21 +45,14 @@ CASES = {
 }
 
 TRACED: dict[str, tuple[float, ...]] = {
-    "tracer.geometry.shapes:FADE_RADIUS": (1.0, 0.5, 2.0),
     "tracer.geometry.shapes:FADE_COS": (0.4, 0.2, 0.8),
-    "tracer.geometry.shapes:LEAST_SHARE": (1e-3, 1e-4, 1e-2),
     "tracer.geometry.shapes:GRAZING": (1e-3, 1e-4, 1e-2),
-    "tracer.geometry.shapes:WITHIN": (0.9995, 0.995, 0.99995),
     "tracer.visibility.footprints:LEAST_SPREAD": (0.002, 0.0005, 0.001, 0.004, 0.008),
-    "tracer.shading.quadrature:LEAST_CHANGE": (1e-6, 1e-9, 1e-3),
 }
 """Numbers of which a program can be told while it runs, with their values, the usual one first."""
 
 SUBDIVISIONS = (2, 0, 1, 3)
 """Values of `SUBDIVISIONS`, for each of which programs are made anew, the usual one first."""
-
-SETTINGS = "tracer.resolved_settings"
-"""The module that has `SUBDIVISIONS` and `EDGE_LEVELS`."""
 
 
 class Bench:
@@ -97,12 +89,8 @@ class Bench:
         def program(numbers, values, direction, scene):
             def image(values):
                 moved = set_parameters(scene, {name: values[k] for k, name in enumerate(self.names)})
-
-                def camera_rays(points):
-                    return rays_through(moved.camera, self.settings, points[0], points[1], jnp.asarray(step))
-
                 world = prepare_world(moved, self.settings)
-                traced = trace(world, camera_rays, padded, jnp.int32(pixels), self.settings)
+                traced = trace(world, moved.camera, padded, jnp.asarray(step), jnp.int32(pixels), self.settings)
                 return traced.color[:, :pixels].reshape(3, *self.size[::-1]), traced.wanted
 
             # A jitted level would keep the numbers of its first trace.
@@ -135,12 +123,6 @@ def rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
         for value in values:
             yield [name, f"`{address.split(':')[1]}`", f"{value:g}", *bench.row({address: value})]
     for value in SUBDIVISIONS:
-        with replaced(
-            {"tracer.resolved_settings:SUBDIVISIONS": value, "tracer.resolved_settings:EDGE_LEVELS": 2 + value}
-        ):
+        with replaced({"tracer.resolved_settings:SUBDIVISIONS": value}):
             bench.prepare()
             yield [name, "`SUBDIVISIONS`", str(value), *bench.row({})]
-    for value in (4, 3, 5):
-        with replaced({f"{SETTINGS}:EDGE_LEVELS": value}):
-            bench.prepare()
-            yield [name, "`EDGE_LEVELS`", str(value), *bench.row({})]

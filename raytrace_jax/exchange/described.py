@@ -163,8 +163,8 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
         Shape(block.keyword, block.name, _numbers(scene, block), _material(scene, material_of(scene, block), lost))
         for block in shape_blocks(scene)
     )
-    if settings.has_longest_path:
-        lost.append(f"path_limit {settings.longest_path:g}: paths end by their bounces alone")
+    if settings.has_path_limit:
+        lost.append(f"path_limit {settings.path_limit:g}: paths end by their bounces alone")
     if scene.film is not None:
         active = without_idle(scene.film)
         effects = [effect.name for effect in FILM_EFFECTS if getattr(active, effect.name) is not None]

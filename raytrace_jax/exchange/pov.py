@@ -25,8 +25,8 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
     lights = [(light.location, light.intensity / (2 * np.pi * TINY**2)) for light in scene.lights]
     body = [
         "#version 3.7;",
-        f"global_settings {{ assumed_gamma 1 ambient_light 0 max_trace_level {settings.bounces + 1} "
-        f"adc_bailout {settings.weight_limit!r} }}",
+        f"global_settings {{ assumed_gamma 1 ambient_light 0 max_trace_level {settings.max_bounces + 1} "
+        f"adc_bailout {settings.least_weight!r} }}",
         _background(scene, stem, files),
         f"camera {{ perspective location {pov_vector(scene.view.eye)} direction {pov_vector(scene.view.middle)} "
         f"right {pov_vector(scene.view.across)} up {pov_vector(scene.view.upwards)} }}",

@@ -1,10 +1,13 @@
-"""Snell's law for angles: how far surfaces bend and shift a ray, and where they stop to let it through."""
+"""Snell's law for angles: deviations, shifts and limits; and the check of all formulas' arguments."""
 
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.lax import stop_gradient
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.optics.ranges import angle, asked, index
+from raytrace_jax.errors import SettingsError
 
 
 def snell_angle(theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"]) -> Float[Array, "*rays"]:
@@ -41,7 +44,7 @@ def critical_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
         SettingsError: `eta` is greater than 1.
     """
     wanted = "1 at most is wanted, the index behind over the index in front: into a denser medium everything passes"
-    return _arcsin(asked(index(eta), ~(jnp.asarray(eta) > 1), "eta", wanted))
+    return _arcsin(in_range(index(eta), ~(jnp.asarray(eta) > 1), "eta", wanted))
 
 
 def brewster_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
@@ -79,7 +82,7 @@ def slab_shift(
     """
     theta_i, eta = angle(theta_i), index(eta)
     enters = jnp.abs(jnp.sin(theta_i)) < eta
-    theta_t = snell_angle(asked(theta_i, enters, "theta_i", "the reflection is total there: nothing enters"), eta)
+    theta_t = snell_angle(in_range(theta_i, enters, "theta_i", "the reflection is total there: nothing enters"), eta)
     return jnp.asarray(thickness) * (jnp.sin(theta_i) - jnp.cos(theta_i) * jnp.tan(theta_t))
 
 
@@ -112,7 +115,7 @@ def prism_deviation(
     theta_i, eta, apex = angle(theta_i), index(eta), jnp.asarray(apex)
     inner = apex - snell_angle(theta_i, eta)
     leaves = (jnp.abs(jnp.sin(theta_i)) < eta) & (jnp.abs(inner) < jnp.pi / 2) & (eta * jnp.abs(jnp.sin(inner)) < 1)
-    inner = asked(inner, leaves, "the angle within", "no ray leaves by the second face")
+    inner = in_range(inner, leaves, "the angle within", "no ray leaves by the second face")
     return theta_i + _arcsin(eta * jnp.sin(inner)) - apex
 
 
@@ -121,3 +124,38 @@ def _arcsin(x: Float[Array, "*rays"]) -> Float[Array, "*rays"]:
     inside = ~(jnp.abs(x) >= 1)  # So that NaN stays NaN.
     # The input is guarded: the derivative of the branch not taken would be infinite, and infinity times 0 is NaN.
     return jnp.where(inside, jnp.arcsin(jnp.where(inside, x, 0)), jnp.where(x < 0, -jnp.pi / 2, jnp.pi / 2))
+
+
+def in_range(
+    values: Float[ArrayLike, "*rays"], is_right: Bool[Array, "*rays"], name: str, wanted: str
+) -> Float[Array, "*rays"]:
+    """The values as an array; within `jit` and `vmap` NaN where they are not right, derivatives too.
+
+    Raises:
+        SettingsError: a value that is known is not right; the message says which one, and what is wanted.
+    """
+    values = jnp.asarray(values)
+    if isinstance(is_right, Tracer):
+        return values * jnp.where(is_right, 1, jnp.nan)
+    if not np.all(is_right):
+        wrong = np.broadcast_to(stop_gradient(values), np.shape(is_right))[~np.asarray(is_right)][0]
+        raise SettingsError(f"{name} is {wrong:.6g}, and {wanted}.")
+    return values
+
+
+def cosine(values: Float[ArrayLike, "*rays"], name: str) -> Float[Array, "*rays"]:
+    """Cosines of angles of incidence, as `in_range`."""
+    is_wrong = (jnp.asarray(values) < 0) | (jnp.asarray(values) > 1 + 1e-6)  # By rounding in float32.
+    wanted = "0 to 1 is wanted: that of the ray with the normal on its own side, -dot(d, n) or abs(dot(d, n))"
+    return in_range(values, ~is_wrong, name, wanted)
+
+
+def angle(values: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
+    """Angles of incidence, as `in_range`."""
+    is_wrong = jnp.abs(jnp.asarray(values)) > jnp.pi / 2 + 1e-6  # By rounding in float32.
+    return in_range(values, ~is_wrong, "theta_i", "-pi / 2 to pi / 2 is wanted, in radians")
+
+
+def index(values: Float[ArrayLike, "*rays"], name: str = "eta") -> Float[Array, "*rays"]:
+    """Indices of refraction or their ratios, as `in_range`."""
+    return in_range(values, ~(jnp.asarray(values) <= 0), name, "more than 0 is wanted")

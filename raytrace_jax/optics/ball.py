@@ -7,8 +7,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.errors import SettingsError
-from raytrace_jax.optics.angles import snell_angle
-from raytrace_jax.optics.ranges import asked, index
+from raytrace_jax.optics.angles import in_range, index, snell_angle
 from raytrace_jax.util.numerics import away_from_zero
 
 
@@ -96,7 +95,7 @@ def rainbow_incidence(eta: Float[ArrayLike, "*rays"], internal_reflections: int 
         raise SettingsError(f"internal_reflections is {internal_reflections}; it can be 1 or more")
     most = internal_reflections + 1
     is_wrong = (jnp.asarray(eta) < 1) | (jnp.asarray(eta) > most)
-    eta = asked(eta, ~is_wrong, "eta", f"1 to {most} is wanted: else there is no such rainbow")
+    eta = in_range(eta, ~is_wrong, "eta", f"1 to {most} is wanted: else there is no such rainbow")
     q = (eta * eta - 1) / (internal_reflections * (internal_reflections + 2))
     exists = ~((q <= 0) | (q >= 1))  # So that NaN stays NaN.
     inside = jnp.where(exists, q, 0.5)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from raytrace_jax.optics.ranges import cosine, index
+from raytrace_jax.optics.angles import cosine, index
 from raytrace_jax.util.numerics import safe_sqrt
 
 

@@ -1,25 +1,28 @@
 """Derivatives of each pixel of a picture by some parameters, and finite differences to check them against."""
 
+import contextlib
 import dataclasses
 import functools
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from raytrace_jax.errors import ParameterError
+from raytrace_jax.errors import ParameterError, SettingsError
 from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.parameters import film_effects, get_parameter, resolve, scalar_names, set_parameters, with_film
 from raytrace_jax.scene.response import Frame, develop, without_idle
 from raytrace_jax.scene.scene import Scene, without_texels
 from raytrace_jax.tracer.pixels import SceneFunction, picture_pixels, pixel_derivatives
-from raytrace_jax.tracer.rendering import refuse_too_large, render
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.rendering import refuse_too_large, render, render_radiance
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
+from raytrace_jax.tracer.run import Capacity
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.numerics import is_zero
 from raytrace_jax.util.text import quoted
 
 HALVINGS = 4
@@ -76,25 +79,18 @@ def picture_derivatives(
     settings = dataclasses.replace(settings, aov=())
     refuse_too_large(scene, settings, len(scalars))
     of_film = film_effects(scene, scalars)
-    # Effects of the film that do nothing and are not differentiated are not computed.
-    if scene.film is not None:
-        scene = dataclasses.replace(scene, film=without_idle(scene.film, of_film.values()))
     values = jnp.stack([get_parameter(scene, name) for name in scalars])
 
-    # The light, by the numbers that move what is traced; then what the film makes of it, by all.
-    traced = [place for place, name in enumerate(scalars) if name not in of_film]
-    light = Named(tuple(scalars[place] for place in traced))
+    # Radiance, by the numbers that move what is traced; then what the camera's response makes of it, by all.
+    traced = tuple(place for place, name in enumerate(scalars) if name not in of_film)
+    unknowns = Named(tuple(scalars[place] for place in traced))
     unfilmed = dataclasses.replace(scene, film=None)
-    pixels = picture_pixels(scene, settings)
-    found = pixel_derivatives(values[np.array(traced, int)], unfilmed, pixels, light, settings.of_derivative)
-    _, _, width, height = settings.window(scene.camera.pixeldim)
-    jacobian = np.zeros((len(scalars), 3, height, width), found.color.dtype)
-    jacobian[traced] = found.jacobian.reshape(-1, 3, height, width)
-    # Without `edges` the picture is that of points, and only the derivative that of areas.
-    image = found.color.reshape(3, height, width) if settings.edges else render(unfilmed, settings).image
+    image, jacobian, _ = radiance_derivatives(values[np.array(traced, int)], unfilmed, unknowns, settings)
     if scene.film is not None:
-        frame, filmed = settings.frame(scene.camera.pixeldim), without_texels(scene)
-        image, jacobian = develop_derivatives(image, jacobian, values, filmed, Named(scalars), frame)
+        # Effects of the response that do nothing and are not differentiated are not computed.
+        filmed = dataclasses.replace(without_texels(scene), film=without_idle(scene.film, of_film.values()))
+        frame = settings.frame(scene.camera.pixeldim)
+        image, jacobian = develop_derivatives(image, jacobian, values, filmed, Named(scalars), frame, traced)
     if on_step:
         for name in scalars:
             on_step(name)
@@ -114,21 +110,68 @@ class Named:
         return set_parameters(scene, {name: y[k] for k, name in enumerate(self.names)})
 
 
-@functools.partial(jit, static_argnames=("unknowns", "frame"))
+def radiance_derivatives(
+    y: Float[Array, " parameters"],
+    scene: Scene,
+    unknowns: SceneFunction,
+    settings: ResolvedSettings,
+    room: Capacity | None = None,
+) -> tuple[Any, Any, Any]:
+    """A picture before the camera's response, its derivatives by `y` in forward mode, and how many rays found no room.
+
+    Without `edges` the picture is that of points, and only the derivative that of areas.
+
+    Args:
+        room: as for `in_batches`.
+    """
+    _, _, width, height = settings.window(scene.camera.pixeldim)
+    fixed, of_fixed = not_differentiable((y, scene)) if settings.edges != "point" else (y, scene)
+    pixels = picture_pixels(scene, settings, np if room is None else jnp)
+    found = pixel_derivatives(fixed, of_fixed, pixels, unknowns, settings.of_derivative, room)
+    image, overflow = found.color.reshape(3, height, width), found.overflow
+    if not settings.edges:
+        points = dataclasses.replace(settings.of_points, aov=())
+        radiance = render_radiance(unknowns.moved(scene, y), points, room)
+        image, overflow = radiance.image, overflow + radiance.overflow
+    return image, found.jacobian.reshape(-1, 3, height, width), overflow
+
+
+@jax.custom_jvp
+def not_differentiable(values: Any) -> Any:
+    """The values themselves, with respect to which nothing may be differentiated."""
+    return values
+
+
+def _refuse_derivative(primals, tangents):
+    if is_zero(tangents):
+        return *primals, *tangents
+    raise SettingsError(
+        "edges: a picture whose derivative contains the motion of edges has no second derivative; RenderSettings("
+        "edges='point') has one, without that motion, and Gauss-Newton steps (J^T J) do with first derivatives."
+    )
+
+
+not_differentiable.defjvp(_refuse_derivative, symbolic_zeros=True)
+
+
+@functools.partial(jit, static_argnames=("unknowns", "frame", "traced"))
 def develop_derivatives(
     image: Float[Array, "3 height width"],
-    jacobian: Float[Array, "parameters 3 height width"],
+    jacobian: Float[Array, "traced 3 height width"],
     y: Float[Array, " parameters"],
     scene: Scene,
     unknowns: SceneFunction,
     frame: Frame,
+    traced: tuple[int, ...] | None = None,
 ) -> tuple[Float[Array, "3 height width"], Float[Array, "parameters 3 height width"]]:
-    """A picture of light developed by a film, and its derivatives by all unknowns.
+    """A picture of radiance as the camera's response shows it, and its derivatives by all unknowns.
 
     Args:
-        jacobian: its derivatives by the unknowns; 0 by those of the film.
-        scene: gives the film, with None for effects that do nothing.
+        jacobian: the radiance's derivatives by the unknowns that `traced` counts; 0 by the others. None counts all.
+        scene: gives the response, with None for effects that do nothing.
     """
+    if traced is not None:
+        jacobian = jnp.zeros((len(y), *image.shape), image.dtype).at[np.array(traced, int)].set(jacobian)
 
     def developed(image, y):
         return develop(image, unknowns.moved(scene, y).film, frame)
@@ -136,7 +179,7 @@ def develop_derivatives(
     def derivative(change, direction):
         return jax.jvp(developed, (image, y), (change, direction))
 
-    # The light's derivatives pass through the film, and the film's own ones are added: one product rule for both.
+    # Chain rule: derivatives of the radiance pass through the response, and the response's own ones are added.
     return jax.vmap(derivative, out_axes=(None, 0))(jacobian, jnp.eye(len(y), dtype=y.dtype))
 
 
@@ -169,12 +212,11 @@ def finite_differences(
     if not (np.isfinite(step) and step > 0):
         raise ValueError(f"step is {step}; it can be any number greater than 0")
     scene = with_film(scene, names := tuple(names))
-    scalars = _expand(scene, names)
     settings = dataclasses.replace(settings, edges="point", samples=samples, aov=())
     # All ends before the first picture: a step that a parameter cannot take is refused before the work.
-    ends = [_ends(scene, name, step) for name in scalars]
+    ends = {name: _ends(scene, name, step) for name in _expand(scene, names)}
     differences = []
-    for name, (ahead, behind) in zip(scalars, ends, strict=True):
+    for name, (ahead, behind) in ends.items():
         # Between the numbers as they are stored: in float32 they lie a little off `value + step`.
         width = float(get_parameter(ahead, name)) - float(get_parameter(behind, name))
         after, before = (np.asarray(render(end, settings).image) for end in (ahead, behind))
@@ -212,24 +254,21 @@ def _expand(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
 def _ends(scene: Scene, name: str, step: float) -> tuple[Scene, Scene]:
     """Two scenes in which one parameter lies on either side of its value, or at it where a limit is near."""
     value = float(get_parameter(scene, name))
+
+    def moved(change: float) -> Scene | None:
+        with contextlib.suppress(ParameterError):
+            return set_parameters(scene, {name: value + change})
+
     for halvings in range(HALVINGS + 1):
-        ahead, behind = (_moved(scene, name, value + sign * step / 2**halvings) for sign in (1, -1))
+        ahead, behind = (moved(sign * step / 2**halvings) for sign in (1, -1))
         if ahead is not None and behind is not None:
             break
     else:
         # At a limit: one side only, by the whole step.
-        ahead, behind = (_moved(scene, name, value + sign * step) or scene for sign in (1, -1))
+        ahead, behind = (moved(sign * step) or scene for sign in (1, -1))
     if float(get_parameter(ahead, name)) == float(get_parameter(behind, name)):
         raise ParameterError(f"{quoted(name)}: {value:g} cannot move by a step of {step:g}; choose another step.")
     return ahead, behind
-
-
-def _moved(scene: Scene, name: str, value: float) -> Scene | None:
-    """The scene with another value of a parameter, None if that is beyond the parameter's limits."""
-    try:
-        return set_parameters(scene, {name: value})
-    except ParameterError:
-        return None
 
 
 class Differences(NamedTuple):
@@ -260,7 +299,7 @@ def steady_differences(
     Args:
         step: the first step. Without it the step is halved until the differences by two steps agree, or until halving
             it once more makes them worse, as the noise of samples then does.
-        samples: as for `finite_differences`; without it as many as `default_samples` says.
+        samples: as for `finite_differences`; without it 16 to 48, fewer in large pictures.
 
     Raises:
         ParameterError, ValueError: as `finite_differences`.
@@ -268,7 +307,8 @@ def steady_differences(
     settings = resolve_settings(scene, settings)
     scalars = scalar_names(scene, names)
     if samples is None:
-        samples = default_samples(settings.window(scene.camera.pixeldim)[2:])
+        # About 8e6 rays take some seconds, and lie as near to each other in the scene whatever the picture's size.
+        samples = int(np.clip(np.sqrt(8e6 / np.prod(settings.window(scene.camera.pixeldim)[2:])), 16, 48))
     # Edges of a scene of some units cross several samples on the way. An image in glass moves by hundreds of pixels for
     # a unit of the index, which asks for a smaller step.
     first = 0.006 if step is None else step
@@ -280,12 +320,6 @@ def steady_differences(
     pairs = zip(scalars, differ(scalars, 0), differ(scalars, 1), strict=True)
     values, spreads, steps = zip(*(_settle(*pair, differ, step is None) for pair in pairs), strict=True)
     return Differences(np.stack(values), spreads, tuple(first / 2**halvings for halvings in steps), samples)
-
-
-def default_samples(size: tuple[int, int]) -> int:
-    """Samples a pixel in each direction for a picture of that width and height."""
-    # About 8e6 rays take some seconds, and lie as near to each other in the scene whatever the picture's size.
-    return int(np.clip(np.sqrt(8e6 / (size[0] * size[1])), 16, 48))
 
 
 def _settle(

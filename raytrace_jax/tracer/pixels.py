@@ -1,4 +1,4 @@
-"""Colours of pixels, and their derivatives by a scene's numbers: two programs for all scenes.
+"""Radiance of pixels, and its derivatives by a scene's numbers: two programs for all scenes.
 
 The first gives colours at any number of points of the pictures of any number of scenes; the second gives colours with
 their derivatives in forward mode. Each exists once by points and once edge-aware. Neither depends on a picture's size.
@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Camera, Scene, map_scenes, without_texels
-from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step, rays_through
-from raytrace_jax.tracer.levels.integrator import Trace, trace_channels
+from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
+from raytrace_jax.tracer.levels.integrator import Outcome, trace
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.run import Batches, Capacity, Points, in_batches, map_batches, one_batch, scene_key
+from raytrace_jax.tracer.run import Batches, Capacity, Points, in_batches, map_batches, sample_batch, scene_key
 from raytrace_jax.tracer.settings import AOVS
 from raytrace_jax.tracer.shading.image_texture import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
@@ -82,24 +82,24 @@ def sample_offsets(samples: int) -> Float[np.ndarray, "samples 2"]:
 
 
 def mean_of_samples(
-    pixels: Pixels, samples: int, trace: Callable[[Points], tuple[Sequence[Any], Any]]
+    pixels: Pixels, samples: int, at: Callable[[Points], tuple[Sequence[Any], Any]]
 ) -> tuple[list[Any], Any]:
-    """The means over `samples` x `samples` points in each pixel of what is traced there, pixels on the last axis.
+    """The means over `samples` x `samples` points in each pixel of what is there, pixels on the last axis.
 
     Args:
-        trace: what `in_batches` returns for points; they are traced if the pixels are.
+        at: what is at points, and the overflow, as `in_batches` returns them; points are traced if the pixels are.
     """
     offsets, count = sample_offsets(samples) * pixels.step, pixels.points.shape[1]
     if not isinstance(pixels.points, np.ndarray):
         # One sample after the other. In reverse mode each is computed anew: memory for one of them is enough.
         def add_sample(sums, offset):
-            found, overflow = trace(pixels.points + offset[:, None])
+            found, overflow = at(pixels.points + offset[:, None])
             return [sum_ + each for sum_, each in zip(sums, found, strict=True)], overflow
 
         if samples == 1:
-            found, overflow = trace(pixels.points)
+            found, overflow = at(pixels.points)
             return list(found), overflow
-        nothing = [jnp.zeros(x.shape, x.dtype) for x in jax.eval_shape(trace, pixels.points)[0]]
+        nothing = [jnp.zeros(x.shape, x.dtype) for x in jax.eval_shape(at, pixels.points)[0]]
         offsets = jnp.asarray(offsets, pixels.points.dtype)
         sums, overflow = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), nothing, offsets)
         return [sum_ / len(offsets) for sum_ in sums], jnp.max(overflow)
@@ -107,7 +107,7 @@ def mean_of_samples(
     # Some samples at a time: in small pictures many, so that each call has enough to do.
     for some in np.array_split(offsets, min(len(offsets), -(-len(offsets) * count // 100_000))):
         points = (pixels.points[:, None] + some.T[:, :, None]).reshape(2, -1)
-        found = [x.reshape(*x.shape[:-1], len(some), count).sum(axis=-2) for x in trace(points)[0]]
+        found = [x.reshape(*x.shape[:-1], len(some), count).sum(axis=-2) for x in at(points)[0]]
         sums = [*map(np.add, sums, found)] if sums else found
     return [each / np.array(len(offsets), each.dtype) for each in sums], 0
 
@@ -115,7 +115,7 @@ def mean_of_samples(
 def pixel_colors(
     scenes: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None
 ) -> Float[np.ndarray, "scenes 3 points"]:
-    """The light that falls on the film at some points of the pictures of some scenes.
+    """Radiance at some points of the pictures of some scenes.
 
     Args:
         scenes: scenes of one structure, with concrete values, as `map_scenes` makes them.
@@ -125,7 +125,7 @@ def pixel_colors(
     viewpoint, count = scenes.camera.viewpoint, points.shape[1]
     if not len(viewpoint) or not count:
         return np.zeros((len(viewpoint), 3, count), viewpoint.dtype)
-    return pixel_outputs(scenes, points, _of_points(settings, step), step)[0]["color"]
+    return pixel_outputs(scenes, points, _of_colors(settings, step), step)[0]["color"]
 
 
 def pixel_outputs(
@@ -144,37 +144,37 @@ def pixel_outputs(
     scenes = map_scenes(np.asarray if room is None else jnp.asarray, dataclasses.replace(scenes, film=None))
     names, last = ("color", *aov), None
 
-    def trace(batches: Batches):
+    def program(batches: Batches):
         nonlocal last
         if last is None or not np.array_equal(last[0], batches.picture):
             pictures = batches.picture if room is None else slice(1)
             last = batches.picture, map_scenes(lambda x: x[pictures], scenes)
-        found, wanted = trace_batches(last[1], batches, settings, aov, reversible=room is not None)
+        found, wanted = color_batches(last[1], batches, settings, aov, reversible=room is not None)
         return tuple(found[name] for name in names), wanted
 
     viewpoint = scenes.camera.viewpoint
     points, key = points.astype(viewpoint.dtype), scene_key(scenes, settings)
-    found, overflow = in_batches(len(viewpoint), points, step, key, settings, trace, room)
+    found, overflow = in_batches(len(viewpoint), points, step, key, settings, program, room)
     return dict(zip(names, found, strict=True)), overflow
 
 
 def prepare_colors(scene: Scene, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None) -> None:
     """Compile what `pixel_colors` will run for such scenes, and run nothing."""
-    settings = _of_points(settings, step).of_rays
+    settings = _of_colors(settings, step).of_rays
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
-    batches = one_batch(scene_key(scenes, settings), settings, scenes.camera.viewpoint.dtype)
-    trace_batches.prepare(map_scenes(lambda x: x[batches.picture], scenes), batches, settings)
+    batches = sample_batch(scene_key(scenes, settings), settings, scenes.camera.viewpoint.dtype)
+    color_batches.prepare(map_scenes(lambda x: x[batches.picture], scenes), batches, settings)
 
 
-def _of_points(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -> ResolvedSettings:
+def _of_colors(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -> ResolvedSettings:
     return dataclasses.replace(settings, edges="point" if step is None else "aware", samples=1, aov=())
 
 
 @functools.partial(jit, static_argnames=("settings", "aov", "reversible"))
-def trace_batches(
+def color_batches(
     scenes: Scene, batches: Batches, settings: ResolvedSettings, aov: tuple[str, ...] = (), reversible: bool = False
 ) -> tuple[dict[str, Array], Array]:
-    """Trace batches of points, which are spread over devices.
+    """Colours and output variables at batches of points, which are spread over devices.
 
     Args:
         scenes: the scene of each slot; if `reversible` the one scene of all.
@@ -187,31 +187,25 @@ def trace_batches(
     def lay_out(pyramids: tuple[Pyramid, ...], scene: Scene) -> tuple[Camera, World]:
         return scene.camera, prepare_world(scene, settings, pyramids)
 
-    def trace_batch(common, scene, points: Float[Array, "2 rays"], count, step):
+    def one_batch(common, scene, points: Float[Array, "2 rays"], count, step):
         camera, world = common if reversible else materialize(lay_out(common, scene), count > 0)
-
-        def camera_rays(points):
-            return rays_through(camera, settings, points[0], points[1], step)
-
         options = {"with_hits": bool(aov), "reversible": reversible}
-        traced = trace_channels(world, camera_rays, points, count, settings, **options)
-        return {"color": traced.color, **output_variables(traced, aov)}, traced.wanted
+        found = trace(world, camera, points, step, count, settings, **options)
+        return {"color": found.color, **output_variables(found, aov)}, found.wanted
 
     # Textures are filtered once for all batches: a loop would filter them again for each.
     pyramids, bare = prepare_pyramids(scenes, settings.edges), without_texels(scenes)
     if reversible:
         common = lay_out(pyramids, jax.tree.map(lambda x: x[0], bare))
-        return map_batches(trace_batch, common, (), batches, reversible)
-    return map_batches(trace_batch, pyramids, bare, batches, reversible)
+        return map_batches(one_batch, common, (), batches, reversible)
+    return map_batches(one_batch, pyramids, bare, batches, reversible)
 
 
-def output_variables(traced: Trace, aov: tuple[str, ...]) -> dict[str, Array]:
+def output_variables(found: Outcome, aov: tuple[str, ...]) -> dict[str, Array]:
     """The arbitrary output variables of what was traced."""
-    if not aov:
+    if found.first is None:
         return {}
-    assert traced.first is not None
-    rows, valid = {name: AOVS[name] for name in aov}, traced.first.valid
-    return {name: jnp.where(valid, row.value(traced), row.missing) for name, row in rows.items()}
+    return {name: jnp.where(found.first.valid, AOVS[name].value(found), AOVS[name].missing) for name in aov}
 
 
 def pixel_derivatives(
@@ -222,7 +216,7 @@ def pixel_derivatives(
     settings: ResolvedSettings,
     room: Capacity | None = None,
 ) -> PixelDerivatives:
-    """Colours of pixels, before any film, and their derivatives in forward mode.
+    """Radiance of pixels and its derivatives in forward mode.
 
     Args:
         y: the numbers by which to differentiate; concrete without `room`.
@@ -232,16 +226,15 @@ def pixel_derivatives(
     rays, y = settings.of_rays, jnp.asarray(y)
     key = scene_key(scene, rays)
 
-    def trace(batches: Batches):
+    def program(batches: Batches):
         return differentiate_batches(y, scene, batches, unknowns, rays, reversible=room is not None)
 
-    def trace_points(points: Points):
-        (color, jacobian, sees_edge), overflow = in_batches(
-            1, points.astype(y.dtype), pixels.step, key, rays, trace, room
-        )
-        return (color[0], jacobian[0], sees_edge[0].astype(y.dtype)), overflow
+    def at(points: Points):
+        found, overflow = in_batches(1, points.astype(y.dtype), pixels.step, key, rays, program, room)
+        color, jacobian, sees_edge = (each[0] for each in found)
+        return (color, jacobian, sees_edge.astype(y.dtype)), overflow
 
-    (color, jacobian, sees_edge), overflow = mean_of_samples(pixels, settings.samples, trace_points)
+    (color, jacobian, sees_edge), overflow = mean_of_samples(pixels, settings.samples, at)
     return PixelDerivatives(color, jacobian, sees_edge > 0, overflow)
 
 
@@ -250,7 +243,7 @@ def prepare_derivatives(
 ) -> None:
     """Compile what `pixel_derivatives` will run, and run nothing."""
     rays, y = settings.of_rays, jnp.asarray(y)
-    batches = one_batch(scene_key(scene, rays), rays, y.dtype)
+    batches = sample_batch(scene_key(scene, rays), rays, y.dtype)
     differentiate_batches.prepare(y, scene, batches, unknowns, rays)
 
 
@@ -263,7 +256,7 @@ def differentiate_batches(
     settings: ResolvedSettings,
     reversible: bool = False,
 ) -> tuple[tuple[Array, Array, Array], Array]:
-    """Trace and differentiate batches of pixels, which are spread over devices.
+    """Radiance of batches of pixels and its derivatives; batches are spread over devices.
 
     Args:
         reversible: whether reverse mode can go through it, for a second derivative.
@@ -272,19 +265,15 @@ def differentiate_batches(
         The fields of `PixelDerivatives` of each batch, and how many rays each wanted.
     """
 
-    def trace_batch(common: tuple[Array, Scene, tuple[Pyramid, ...]], _, points: Float[Array, "2 rays"], count, step):
+    def one_batch(common: tuple[Array, Scene, tuple[Pyramid, ...]], _, points: Float[Array, "2 rays"], count, step):
         y, scene, pyramids = common
 
         def color(y):
             moved = unknowns.moved(scene, y)
             world = materialize(prepare_world(moved, settings, pyramids), count > 0)
-
-            def camera_rays(points):
-                return rays_through(moved.camera, settings, points[0], points[1], step)
-
-            traced = trace_channels(world, camera_rays, points, count, settings, reversible=reversible)
-            sees_edge = jnp.zeros(points.shape[1], bool) if traced.sees_edge is None else traced.sees_edge
-            return traced.color, (sees_edge, traced.wanted)
+            found = trace(world, moved.camera, points, step, count, settings, reversible=reversible)
+            sees_edge = jnp.zeros(points.shape[1], bool) if found.sees_edge is None else found.sees_edge
+            return found.color, (sees_edge, found.wanted)
 
         # Forward mode: the picture is traced once, and all derivatives ride along.
         def derivative(direction):
@@ -295,4 +284,4 @@ def differentiate_batches(
         return (image, jacobian, sees_edge), wanted
 
     common = y, without_texels(scene), prepare_pyramids(scene, settings.edges)
-    return map_batches(trace_batch, common, (), batches, reversible)
+    return map_batches(one_batch, common, (), batches, reversible)

@@ -2,21 +2,20 @@
 
 import dataclasses
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from raytrace_jax.errors import SceneError, SettingsError
+from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.response import develop
 from raytrace_jax.scene.scene import Scene, check_scene, map_scenes, without_texels
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.derivatives import develop_derivatives
-from raytrace_jax.tracer.pixels import SceneFunction, picture_pixels, pixel_derivatives, pixel_outputs
-from raytrace_jax.tracer.rendering import Film, refuse_too_large, render_concrete, render_light
+from raytrace_jax.tracer.derivatives import develop_derivatives, not_differentiable, radiance_derivatives
+from raytrace_jax.tracer.pixels import SceneFunction, picture_pixels, pixel_outputs
+from raytrace_jax.tracer.rendering import Film, refuse_too_large, render_concrete, render_radiance
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.run import NEEDS, Capacity, capacity_for, scene_key
 from raytrace_jax.tracer.settings import RenderSettings
@@ -58,14 +57,14 @@ def pure_picture(scene: Scene, settings: ResolvedSettings, room: Capacity) -> Fi
     film, frame = scene.film, settings.frame(scene.camera.pixeldim)
     scene = dataclasses.replace(scene, film=None)
     if settings.edges:
-        light = render_light(differentiable_once(scene) if settings.edges == "aware" else scene, settings, room)
+        radiance = render_radiance(differentiable_once(scene) if settings.edges == "aware" else scene, settings, room)
     else:
         # AOVs have no area: where there are some, their derivative is that of points.
         fixed = scene if settings.aov else jax.lax.stop_gradient(scene)
-        light = render_light(fixed, settings.of_points, room)
-        image, overflow = moved_by_areas(scene, light.image, light.overflow, settings, room)
-        light = Film(image, light.aov, overflow)
-    return dataclasses.replace(light, image=develop(light.image, film, frame))
+        points = render_radiance(fixed, settings.of_points, room)
+        image, overflow = moved_by_areas(scene, points.image, points.overflow, settings, room)
+        radiance = Film(image, points.aov, overflow)
+    return dataclasses.replace(radiance, image=develop(radiance.image, film, frame))
 
 
 compiled_picture = jit(pure_picture, static_argnames=("settings", "room"))
@@ -80,10 +79,10 @@ def moved_by_areas(
     settings: ResolvedSettings,
     room: Capacity,
 ) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
-    """The light at the pixels' points with the derivative of the light on their areas, and how many rays found no room.
+    """The radiance at the pixels' points with the derivative of their areas' means, and how many rays found no room.
 
-    A point's colour jumps where an edge crosses it, so that its derivative lacks what edges sweep. The light on an area
-    changes by that too, and edge-aware tracing knows how. Only who differentiates pays for it.
+    A point's colour jumps where an edge crosses it, so that its derivative lacks what edges sweep. The mean over an
+    area changes by that too, and edge-aware tracing knows how. Only who differentiates pays for it.
     """
     return image, overflow
 
@@ -93,12 +92,13 @@ def moved_by_areas(
 def _moved_by_areas(settings: ResolvedSettings, room: Capacity, primals, tangents):
     scene, image, overflow = primals
 
-    def light_on_areas(scene: Scene) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
-        settings_of_areas = dataclasses.replace(settings.of_derivative, aov=())
-        light = render_light(differentiable_once(scene), settings_of_areas, room)
-        return light.image, light.overflow
+    def on_areas(scene: Scene) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
+        radiance = render_radiance(
+            differentiable_once(scene), dataclasses.replace(settings.of_derivative, aov=()), room
+        )
+        return radiance.image, radiance.overflow
 
-    _, moved, more = jax.jvp(light_on_areas, (scene,), (tangents[0],), has_aux=True)
+    _, moved, more = jax.jvp(on_areas, (scene,), (tangents[0],), has_aux=True)
     return (image, overflow + more), (moved, np.zeros((), jax.dtypes.float0))
 
 
@@ -116,23 +116,7 @@ def _differentiable_once(primals, tangents):
     return not_differentiable(*primals), *tangents
 
 
-@jax.custom_jvp
-def not_differentiable(values: Any) -> Any:
-    """The values themselves, with respect to which nothing may be differentiated."""
-    return values
-
-
-def _refuse_derivative(primals, tangents):
-    if is_zero(tangents):
-        return *primals, *tangents
-    raise SettingsError(
-        "edges: a picture whose derivative contains the motion of edges has no second derivative; RenderSettings("
-        "edges='point') has one, without that motion, and Gauss-Newton steps (J^T J) do with first derivatives."
-    )
-
-
 differentiable_once.defjvp(_differentiable_once, symbolic_zeros=True)
-not_differentiable.defjvp(_refuse_derivative, symbolic_zeros=True)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(2, 3, 4))
@@ -165,16 +149,7 @@ def picture_jacobian(
     y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity
 ) -> tuple[Float[Array, "3 height width"], Float[Array, "parameters 3 height width"], Int[Array, ""]]:
     """The picture at `y`, its derivatives by all of `y`, and how many rays found no room."""
-    _, _, width, height = settings.window(scene.camera.pixeldim)
-    moved, pixels = unknowns.moved(scene, y), picture_pixels(scene, settings, jnp)
-    fixed, its_scene = not_differentiable((y, scene)) if settings.edges != "point" else (y, scene)
-    light = pixel_derivatives(fixed, its_scene, pixels, unknowns, settings.of_derivative, room)
-    image, jacobian, overflow = jnp.asarray(light.color), jnp.asarray(light.jacobian), light.overflow
-    image, jacobian = image.reshape(3, height, width), jacobian.reshape(-1, 3, height, width)
-    if not settings.edges:
-        # Without `edges` the picture is that of points, and only the derivative that of areas.
-        points = render_light(moved, dataclasses.replace(settings.of_points, aov=()), room)
-        image, overflow = points.image, overflow + points.overflow
+    image, jacobian, overflow = radiance_derivatives(y, scene, unknowns, settings, room)
     if scene.film is not None:
         frame = settings.frame(scene.camera.pixeldim)
         image, jacobian = develop_derivatives(image, jacobian, y, without_texels(scene), unknowns, frame)
@@ -255,7 +230,6 @@ def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: f
     settings = resolve_settings(scene, settings)
     if is_traced(scene):
         raise ValueError("make_renderer() needs a scene's values: call it outside of JAX's transformations")
-    settings.window(scene.camera.pixeldim)
     check_values(scene)
     refuse_too_large(scene, settings)
     return Renderer(settings, room_for(scene, settings, slack), scene.model)

@@ -1,7 +1,7 @@
 """The rays of one pixel as a tree of nodes."""
 
 import functools
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,13 +11,13 @@ from jaxtyping import Array, Float, Int
 from raytrace_jax.errors import RaytraceError, SettingsError
 from raytrace_jax.optics import refract
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, unpacked
+from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, unpacked
 from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, trace_queue
+from raytrace_jax.tracer.levels.level import MODELS
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.model import materials_at
-from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import dot
@@ -34,19 +34,18 @@ class RayNode(NamedTuple):
         bounce: how many rays lie before it on its path.
         weight: about how much its colour counts in the pixel's: the product of the weights along its path.
         o: where it starts, world units.
-        shape: name of the shape that it hits; None if it hits nothing, and then what follows has no meaning but for
-            the colour, which is black.
         distance: from `o` to `p`, world units.
         path_length: of the whole path from the viewpoint to `p`; ambient light falls off with it.
+        color: what the ray brings back, scene-linear RGB.
+        shape: name of the shape that it hits; None if it hits nothing, and then `p`, `n`, lengths and what follows have
+            no meaning.
         entering: whether it comes from the side that the normal points to.
         theta_i: angle of incidence in radians, 0 to pi / 2.
         theta_t: angle of refraction in radians; None where nothing is transmitted.
         total: whether there is total internal reflection.
         reflect: weight of the reflected ray in this one's colour, of the largest channel; 0 if there is none.
-        color: what the ray brings back, scene-linear RGB.
-        medium: name of the shape whose glass it runs through; None in vacuum, in models without media, and where the
-            ray hits nothing.
-        absorbed: the share of its light that is absorbed there, the mean of the channels.
+        medium: name of the shape whose glass it runs through; None in vacuum, and in models without media.
+        absorbed: the share of its radiance that is absorbed there, the mean of the channels.
     """
 
     number: int
@@ -56,18 +55,18 @@ class RayNode(NamedTuple):
     weight: float
     o: Float[np.ndarray, "3"]
     d: Float[np.ndarray, "3"]
-    shape: str | None
     p: Float[np.ndarray, "3"]
     n: Float[np.ndarray, "3"]
     distance: float
     path_length: float
-    entering: bool
-    theta_i: float
-    theta_t: float | None
-    total: bool
-    reflect: float
-    transmit: float
     color: Float[np.ndarray, "3"]
+    shape: str | None = None
+    entering: bool = False
+    theta_i: float = 0.0
+    theta_t: float | None = None
+    total: bool = False
+    reflect: float = 0.0
+    transmit: float = 0.0
     medium: str | None = None
     absorbed: float = 0.0
 
@@ -84,10 +83,6 @@ class RayTree(NamedTuple):
     pixel: tuple[int, int]
     nodes: tuple[RayNode, ...]
     dropped: int
-
-
-MOST_RAYS = 8192
-"""No tree may have more rays: it could not be read, and doubles with each further bounce."""
 
 
 def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | None = None) -> RayTree:
@@ -117,26 +112,26 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
     if settings.edges == "aware":
         raise SettingsError(f"edges is {settings.edges!r}; a tree of rays is that of a point.")
 
-    tail, found = jax.tree.map(np.asarray, _trace(scene, float(column), float(row), settings))
-    if tail > MOST_RAYS:
-        raise RaytraceError(f"the tree has more than {MOST_RAYS} rays; allow fewer bounces.")
+    # More rays could not be read, and double with each further bounce.
+    most = 8192
+    tail, found = jax.tree.map(np.asarray, _queue_of(scene, float(column), float(row), settings, most))
+    if tail > most:
+        raise RaytraceError(f"the tree has more than {most} rays; allow fewer bounces.")
     found = {name: values[..., :tail] for name, values in found.items()}
     dropped = int(np.sum(found["wanted"] & (found["number"] == settings.levels)))
     return RayTree((column, row), _as_nodes(found, scene.shape_order), dropped)
 
 
-@functools.partial(jit, static_argnames="settings")
-def _trace(
-    scene: Scene, column: Float[Array, ""], row: Float[Array, ""], settings: ResolvedSettings
+@functools.partial(jit, static_argnames=("settings", "most"))
+def _queue_of(
+    scene: Scene, column: Float[Array, ""], row: Float[Array, ""], settings: ResolvedSettings, most: int
 ) -> tuple[Int[Array, ""], dict[str, Array]]:
-    """How many rays a pixel's tree has, and what there is to tell of each place of their queue, by name."""
-    dtype, world = scene.camera.viewpoint.dtype, prepare_world(scene, settings)
-    place = jnp.stack([jnp.full(MOST_RAYS // RAYS_A_PLACE, x, dtype) for x in (column, row)])
-
-    def rays_through(place: Float[Array, "2 rays"]) -> Rays:
-        return camera_rays(scene.camera, settings, *place)
-
-    queue, results = trace_queue(world, rays_through, place, 1, settings, with_hits=True)
+    """How many rays a pixel's tree has, and of each place of their queue the fields of its node, `most` at most."""
+    camera, world = scene.camera, prepare_world(scene, settings)
+    dtype, step = camera.viewpoint.dtype, pixel_step(camera, settings)
+    place = jnp.stack([jnp.full(most // RAYS_A_PLACE, x, dtype) for x in (column, row)])
+    points = jnp.stack(picture_place(camera, settings, *place))
+    queue, results = trace_queue(world, camera, points, jnp.asarray(step, dtype), 1, settings, with_hits=True)
     rays, record, si = unpacked(queue.rays), queue.traced, queue.traced.si
     assert si is not None
     found = {"number": queue.rays.number, "color": results.color, "o": rays.o, "d": rays.d, "valid": record.valid}
@@ -156,8 +151,8 @@ def _trace(
     found |= {"theta_i": jnp.arccos(jnp.clip(jnp.abs(d_dot_n), 0, 1)), "total": total & transparent}
     found |= {"theta_t": jnp.where(transparent & ~total, jnp.arccos(jnp.clip(cos_theta_t, -1, 1)), -1)}
     found |= {"reflect": reflect, "transmit": transmit}
-    if media.left is not None and media.front is not None:
-        found |= {"medium": media.front, "absorbed": 1 - jnp.mean(media.left, axis=0)}
+    if media.transmittance is not None and media.front is not None:
+        found |= {"medium": media.front, "absorbed": 1 - jnp.mean(media.transmittance, axis=0)}
     return queue.tail, found
 
 
@@ -173,27 +168,12 @@ def _as_nodes(found: dict[str, np.ndarray], names: tuple[str, ...]) -> tuple[Ray
         # Its weight is its parent's times what the parent sends its way.
         above = None if parent is None else nodes[parent]
         weight = above.weight * (above.reflect if kind == "reflected" else above.transmit) if above else 1.0
-        told = own if own["valid"] else {}
-        theta_t, medium = float(told.get("theta_t", -1)), int(told.get("medium", NO_SHAPE))
-        nodes.append(
-            RayNode(
-                number=number,
-                parent=parent,
-                kind=kind,
-                bounce=int(own["number"]),
-                weight=weight,
-                shape=names[told["shape"]] if told else None,
-                distance=float(own["distance"]),
-                path_length=float(own["path_length"]),
-                entering=bool(told.get("entering", False)),
-                theta_i=float(told.get("theta_i", 0)),
-                theta_t=None if theta_t < 0 else theta_t,
-                total=bool(told.get("total", False)),
-                reflect=float(told.get("reflect", 0)),
-                transmit=float(told.get("transmit", 0)),
-                medium=None if medium == NO_SHAPE else names[medium],
-                absorbed=0.0 if medium == NO_SHAPE else float(told["absorbed"]),
-                **{name: own[name] for name in ("o", "d", "p", "n", "color")},
-            )
-        )
+        fields: dict[str, Any] = {name: own[name] for name in ("o", "d", "p", "n", "color")}
+        fields |= {name: own[name].item() for name in ("distance", "path_length")}
+        if own["valid"]:
+            fields |= {name: own[name].item() for name in ("entering", "theta_i", "total", "reflect", "transmit")}
+            fields |= {"shape": names[own["shape"]], "theta_t": own["theta_t"].item() if own["theta_t"] >= 0 else None}
+            if own.get("medium", NO_SHAPE) != NO_SHAPE:
+                fields |= {"medium": names[own["medium"]], "absorbed": own["absorbed"].item()}
+        nodes.append(RayNode(number, parent, kind, own["number"].item(), weight, **fields))
     return tuple(nodes)

@@ -36,7 +36,7 @@ class Film(eqx.Module):
     Args:
         image: scene-linear RGB; the course's models keep it within [0, 1].
         aov: the variables asked for, by name: `depth` (distance along the camera ray), `normal` (unit, as the shape
-            has it), `position` (world units), `shape_index` (place in the file's order, -1 for none), `bounce_count`
+            has it), `position` (world units), `shape_index` (position in the file's order, -1 for none), `bounce_count`
             (the largest number of bounces after which a ray of the pixel still hit something). They belong to the
             pixel's own point, whatever the number of samples, and are 0 where nothing is hit.
         overflow: how many rays too many the batch had that wanted most; those are black. `render` makes it zero: it can
@@ -90,36 +90,27 @@ class Film(eqx.Module):
             return file.getvalue()
 
 
-BYTES_A_NUMBER = 30
-"""Bytes that a channel of a pixel takes when it is rendered and written, in several copies.
-
-Between pictures of 1024 and 2048 pixels a side the peak grows by 34 (OpenEXR), 32 (PNG), 37 (64 bits) and, with a
-derivative, 31."""
-
-WORTH_A_LOOK = 4_000_000
-"""Pictures of fewer pixels are not checked: to ask how much memory there is takes some fifty microseconds."""
-
-
 def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int = 0) -> None:
     """Refuse a picture for which there is no memory.
 
     Raises:
         PictureError: says how much memory is needed and free, and what to do.
+        SettingsError: a crop outside of the picture.
     """
     _, _, width, height = settings.window(scene.camera.pixeldim)
-    if width * height < WORTH_A_LOOK:
+    # To ask how much memory there is takes some fifty microseconds: smaller pictures fit anywhere.
+    if width * height < 4_000_000:
         return
     channels = 3 * (1 + derivatives) + sum(len(AOVS[name].channels) for name in settings.aov)
-    needed = BYTES_A_NUMBER * channels * width * height
+    # A channel of a pixel is rendered and written in several copies. Between pictures of 1024 and 2048 pixels a side
+    # the peak grows by 34 bytes (OpenEXR), 32 (PNG), 37 (64 bits) and, with a derivative, 31.
+    needed = 30 * channels * width * height
     free = free_memory()
     if free is not None and needed > free:
-        what = (
-            f"a picture of {width} x {height} pixels"
-            + (derivatives > 0) * f" with derivatives by {derivatives} numbers"
-        )
+        by = f" with derivatives by {derivatives} numbers" if derivatives else ""
         raise PictureError(
-            f"{what} needs about {needed / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free: render it in parts "
-            "(--crop), or smaller (--size)."
+            f"a picture of {width} x {height} pixels{by} needs about {needed / 1e9:.3g} GB of memory, and "
+            f"{free / 1e9:.3g} GB are free: render it in parts (--crop), or smaller (--size)."
         )
 
 
@@ -144,7 +135,6 @@ def render(scene: Scene, settings: RenderSettings | None = None) -> Film:
         PictureError: there is no memory for such a picture.
     """
     settings = resolve_settings(scene, settings)
-    settings.window(scene.camera.pixeldim)
     if is_traced(scene):
         raise ValueError("render() needs a scene's values: inside of a JAX transformation use make_renderer(scene)")
     check_values(scene)
@@ -152,8 +142,8 @@ def render(scene: Scene, settings: RenderSettings | None = None) -> Film:
     return render_concrete(scene, settings.of_points)
 
 
-def render_light(scene: Scene, settings: ResolvedSettings, room: Capacity | None = None) -> Film:
-    """What falls on the film of a scene that was checked, by settings that say `edges`.
+def render_radiance(scene: Scene, settings: ResolvedSettings, room: Capacity | None = None) -> Film:
+    """The picture of a scene before the camera's response, by settings that say `edges`; the scene was checked.
 
     Args:
         room: as for `in_batches`: within a transformation of JAX the scene is traced, and rays may find no room.
@@ -164,21 +154,19 @@ def render_light(scene: Scene, settings: ResolvedSettings, room: Capacity | None
     pixels = picture_pixels(scene, settings, numpy)
     step = pixels.step if settings.edges == "aware" else None
 
-    def outputs(points, aov=settings.aov):
-        return pixel_outputs(scenes, points, dataclasses.replace(settings, aov=aov), step, room)
-
-    # The mean over the samples, and the variables of the pixels' own points: their means would mean nothing.
-    if settings.samples == 1:
-        found, overflow = outputs(pixels.points)
-    else:
+    found: dict[str, Any] = {}
+    overflow: Any = 0
+    if settings.samples == 1 or settings.aov:
+        # The variables are those of the pixels' own points: their means would mean nothing.
+        found, overflow = pixel_outputs(scenes, pixels.points, settings, step, room)
+    if settings.samples > 1:
 
         def colors(points):
-            found, overflow = outputs(points, ())
+            found, overflow = pixel_outputs(scenes, points, dataclasses.replace(settings, aov=()), step, room)
             return [found["color"]], overflow
 
-        [mean], overflow = mean_of_samples(pixels, settings.samples, colors)
-        found, more = outputs(pixels.points) if settings.aov else ({}, 0)
-        found, overflow = found | {"color": mean}, numpy.maximum(overflow, more)
+        [found["color"]], more = mean_of_samples(pixels, settings.samples, colors)
+        overflow = numpy.maximum(overflow, more)
     aov = {name: x[0].reshape(*x.shape[1:-1], height, width) for name, x in found.items()}
     if room is None:
         # Put there as they are: `jnp.asarray` would compile a program for each size.
@@ -188,9 +176,9 @@ def render_light(scene: Scene, settings: ResolvedSettings, room: Capacity | None
 
 def render_concrete(scene: Scene, settings: ResolvedSettings) -> Film:
     """The film of a scene that was checked, by settings that say `edges`."""
-    light = render_light(scene, settings)
+    radiance = render_radiance(scene, settings)
     if scene.film is None:
-        return light
-    # No effect of the film that does nothing is computed.
+        return radiance
+    # No effect of the response that does nothing is computed.
     frame = settings.frame(scene.camera.pixeldim)
-    return dataclasses.replace(light, image=develop_compiled(light.image, without_idle(scene.film), frame))
+    return dataclasses.replace(radiance, image=develop_compiled(radiance.image, without_idle(scene.film), frame))

@@ -1,24 +1,14 @@
-"""The settings of a picture, with nothing left open: frozen, hashable, and static under `jax.jit` (one compile each).
-
-A picture is made as it is asked for, else as the scene's file says, else as the model has it.
-"""
+"""The settings of a picture as a scene has resolved them: frozen, hashable, and static under `jax.jit`."""
 
 import dataclasses
 import math
 import warnings
-from typing import Annotated
+from typing import Annotated, Any
 
 from raytrace_jax.errors import SceneWarning, SettingsError
+from raytrace_jax.scene import setting_words as words
 from raytrace_jax.scene.response import Frame
 from raytrace_jax.scene.scene import FileSettings, Scene, check_scene
-from raytrace_jax.scene.setting_words import (
-    MAX_SAMPLES,
-    EdgeMode,
-    EtaConvention,
-    ModelName,
-    PixelConvention,
-    Reflectance,
-)
 from raytrace_jax.tracer.settings import MODEL_RULES, ModelRules, RenderSettings
 from raytrace_jax.util.checked import Wanted
 
@@ -28,41 +18,35 @@ SUBDIVISIONS = 2
 Once less makes small pictures twice as wrong. Once more makes one scene of two half as wrong, for a third more rays
 (experiments/tuning)."""
 
-EDGE_LEVELS = 2 + SUBDIVISIONS
-"""A path may pass edges and be subdivided so often in all; after that footprints see what their centre sees.
-
-One less makes derivatives of one scene half as wrong again; one more changes nothing (experiments/tuning)."""
+OF_MODEL: Any = None
+"""The default of a setting that `MODEL_RULES` fills."""
 
 
 @dataclasses.dataclass(frozen=True)
 class ResolvedSettings(RenderSettings):
-    """The settings of a picture as a scene has made them of `RenderSettings`, which explains them.
+    """The settings of a picture, each with its value: as asked for, else as the scene's file says, else the model's.
 
-    What is still None here is the model's own, and known from it; without `edges` a picture is that of points, and its
-    derivative that of areas. The defaults are the course's final image with Schlick's approximation.
+    `size` and `crop` are None where the picture is the camera's whole one. `edges` is None where the picture is that of
+    points and its derivative that of areas. The defaults are the course's final image with Schlick's approximation.
 
     Raises:
         SettingsError: as `RenderSettings`.
     """
 
-    samples: Annotated[int, Wanted(least=1, most=MAX_SAMPLES)] = 1
-    mapping: PixelConvention | None = None
-    reflectance: Reflectance = "schlick"
-    eta: EtaConvention = "course"
-    edges: EdgeMode | None = None
-    model: ModelName = "classic"
+    samples: Annotated[int, Wanted(least=1, most=words.MAX_SAMPLES)] = 1
+    mapping: words.PixelConvention = OF_MODEL
+    reflectance: words.Reflectance = "schlick"
+    eta: words.EtaConvention = "course"
+    max_bounces: Annotated[int, Wanted(least=0, most=words.MAX_BOUNCES)] = OF_MODEL
+    model: words.ModelName = "classic"
+    path_limit: Annotated[float, Wanted("a length greater than 0", above=0)] = OF_MODEL
+    least_weight: Annotated[float, Wanted(least=0, below=1)] = OF_MODEL
 
     def __post_init__(self):
+        for name in ("mapping", "max_bounces", "path_limit", "least_weight"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, getattr(self.rules, name))
         super().__post_init__()
-        if self.mapping is None:
-            object.__setattr__(self, "mapping", self.rules.mapping)
-        if self.max_bounces is None:
-            object.__setattr__(self, "max_bounces", self.rules.max_bounces)
-
-    @property
-    def bounces(self) -> int:
-        """The most bounces of a path: the model's own number, if the settings do not say."""
-        return self.rules.max_bounces if self.max_bounces is None else self.max_bounces
 
     @property
     def rules(self) -> ModelRules:
@@ -70,24 +54,14 @@ class ResolvedSettings(RenderSettings):
         return MODEL_RULES[self.model]
 
     @property
-    def longest_path(self) -> float:
-        """A path that is longer than this ends in black; infinite where paths do not end."""
-        return self.rules.longest_path if self.path_limit is None else self.path_limit
-
-    @property
-    def has_longest_path(self) -> bool:
+    def has_path_limit(self) -> bool:
         """Whether paths end at some length."""
-        return math.isfinite(self.longest_path)
+        return math.isfinite(self.path_limit)
 
     @property
-    def weight_limit(self) -> float:
-        """A ray that counts less than this in its pixel is black; 0 where all rays count."""
-        return self.rules.least_weight if self.least_weight is None else self.least_weight
-
-    @property
-    def follows_weights(self) -> bool:
+    def has_throughput(self) -> bool:
         """Whether rays know how much they count in their pixels."""
-        return self.edges == "aware" or self.weight_limit > 0
+        return self.edges == "aware" or self.least_weight > 0
 
     @property
     def of_points(self) -> "ResolvedSettings":
@@ -108,7 +82,9 @@ class ResolvedSettings(RenderSettings):
     @property
     def levels(self) -> int:
         """The number of levels below the camera's rays: one a bounce, and some more at edges."""
-        return self.bounces + (EDGE_LEVELS if self.edges == "aware" else 0)
+        # A path may pass edges and be subdivided so often in all; after that footprints see what their centre sees. One
+        # less makes derivatives of one scene half as wrong again; one more changes nothing.
+        return self.max_bounces + (2 + SUBDIVISIONS if self.edges == "aware" else 0)
 
     def picture_size(self, pixeldim: tuple[int, int]) -> tuple[int, int]:
         """(width, height) of the whole picture, before any crop or binning."""
@@ -141,7 +117,7 @@ FILE_SETTINGS = tuple(field.name for field in dataclasses.fields(FileSettings) i
 
 
 def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> ResolvedSettings:
-    """The settings of a scene's picture, with nothing left open.
+    """The settings of a scene's picture.
 
     Args:
         scene: its file's settings hold where others are not asked for. Rendered as another model than the file is for,
@@ -170,10 +146,9 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
             SceneWarning,
             stacklevel=3,
         )
-    only = MODEL_RULES[model].only
-    said = {name: getattr(scene.settings, name, None) for name in FILE_SETTINGS}
+    said: dict[str, Any] = {name: getattr(scene.settings, name, None) for name in FILE_SETTINGS}
     if said["model"] != model:
-        said = {name: value for name, value in said.items() if name not in only}
+        said = {name: value for name, value in said.items() if name not in MODEL_RULES[model].only}
     given = {field.name: getattr(asked, field.name) for field in dataclasses.fields(RenderSettings)}
-    layers = {**said, **{name: value for name, value in given.items() if value is not None}, "model": model}
-    return ResolvedSettings(**{name: value for name, value in layers.items() if value is not None})
+    said |= {name: value for name, value in given.items() if value is not None} | {"model": model}
+    return ResolvedSettings(**{name: value for name, value in said.items() if value is not None})

@@ -1,8 +1,8 @@
 """Pixels in batches: one program for any number of them, of pictures, and of sizes.
 
 A batch's arrays have fixed sizes. How many pixels find room in them is learnt by tracing: what finds no room is traced
-again with fewer pixels a batch, so that nothing is counted beforehand and nothing is compiled anew. Within a
-transformation of JAX nothing can be traced again: sizes are given, and the rays that find no room are counted.
+again with fewer pixels a batch, and nothing is compiled anew. Within a transformation of JAX nothing can be traced
+again: sizes are given, and the rays that find no room are counted.
 """
 
 import math
@@ -33,9 +33,6 @@ RAYS = {"point": 1 << 14, "aware": 1 << 15}
 Each batch ends with a dozen chunks that are not full, and begins with an empty queue. A hundred pictures of 20 x 15 on
 two devices take .037 s (course by points; .048 s with twice as many rays), and .46 s by areas (1.05 s with half)."""
 
-FILLED = 0.95
-"""Batches are made to take this fraction of the room: other batches of these pixels may want a little more."""
-
 
 class Capacity(NamedTuple):
     """The sizes of a batch; static and hashable."""
@@ -58,16 +55,18 @@ def scene_key(scene: Any, settings: ResolvedSettings) -> Hashable:
 
 
 def known_need(key: Hashable, settings: ResolvedSettings) -> float:
-    """Rays that a pixel was last seen to want; at first a guess for points, or for areas that see edges."""
+    """Rays that a pixel was last seen to want; at first a guess."""
     return NEEDS.get(key, 6.0 if settings.edges == "aware" else 4.0)
 
 
 def capacity_for(need: float, settings: ResolvedSettings) -> Capacity:
     """The sizes of batches of pixels that want so many rays each."""
     rays = RAYS[settings.edges or "aware"] if jax.default_backend() == "cpu" else 1 << 18
-    if need > FILLED * rays:
-        return Capacity(64 * in_blocks(need / FILLED / 64), 1)
-    return Capacity(rays, min(rays // RAYS_A_PLACE, int(FILLED * rays / need)))
+    # Not all of the room: other batches of these pixels may want a little more.
+    filled = 0.95
+    if need > filled * rays:
+        return Capacity(64 * in_blocks(need / filled / 64), 1)
+    return Capacity(rays, min(rays // RAYS_A_PLACE, int(filled * rays / need)))
 
 
 class Batches(NamedTuple):
@@ -87,10 +86,11 @@ class Batches(NamedTuple):
 
 
 def cut(points: int, most: int) -> tuple[int, int]:
-    """The number of batches, and the size of each, of points of which so many find room in one.
+    """The number n of batches, and the size of each, of points of which so many find room in one.
 
-    Each batch has every n-th point: a few neighbours apart, or spread over all columns, as n shares no factor with
-    their number.
+    Batch k has the points k, k + n, k + 2 n, ...: spread over the picture, so that all batches want about as many rays.
+    Their columns are multiples of n modulo the width. Where n is large it shares no factor with the number of points,
+    and they go through all columns evenly (a discrete Kronecker sequence; Weyl 1916).
     """
     batches = -(-points // most)
     while batches > 8 and math.gcd(batches, points) > 1:
@@ -105,10 +105,7 @@ def together(rows: AnyArray, points: int) -> AnyArray:
 
 
 def fill_slots(
-    number: Int[np.ndarray, " batches"],
-    points: Points,
-    step: Float[np.ndarray, "2"] | None,
-    room: Capacity,
+    number: Int[np.ndarray, " batches"], points: Points, step: Float[np.ndarray, "2"] | None, room: Capacity
 ) -> Batches:
     """Batches of some pictures in their slots, with places for a quarter as many pixels as rays find room.
 
@@ -116,13 +113,12 @@ def fill_slots(
         number: the batches' numbers, counted through all pictures.
     """
     devices, (batches, size) = jax.device_count(), cut(points.shape[1], room.pixels)
-    slots, place = BATCHES * devices, slots_of(len(number))
+    slots, own = BATCHES * devices, slots_of(len(number))
     places = np.zeros((slots, 2, room.rays // RAYS_A_PLACE), points.dtype)
-    places[place, :, :size] = np.moveaxis(
-        np.asarray(points)[:, members(number % batches, size, points.shape[1], batches)], 0, 1
-    )
+    found = np.asarray(points)[:, members(number % batches, size, points.shape[1], batches)]
+    places[own, :, :size] = np.moveaxis(found, 0, 1)
     picture = np.full(slots, number[0] // batches)
-    picture[place] = number // batches
+    picture[own] = number // batches
     each = (len(number) + devices - 1 - np.arange(devices)) // devices
     counts = np.stack([each, np.full(devices, size)], axis=1).astype(np.int32)
     steps = np.tile(np.zeros(2) if step is None else step, (devices, 1)).astype(points.dtype)
@@ -141,7 +137,7 @@ def slots_of(batches: int) -> Int[np.ndarray, " batches"]:
     return number % devices * BATCHES + number // devices
 
 
-def one_batch(key: Hashable, settings: ResolvedSettings, dtype: np.dtype) -> Batches:
+def sample_batch(key: Hashable, settings: ResolvedSettings, dtype: np.dtype) -> Batches:
     """A batch of one pixel, as an argument to compile a program with."""
     room = capacity_for(known_need(key, settings), settings)
     return fill_slots(np.zeros(1, int), np.zeros((2, 1), dtype), None, room)
@@ -166,14 +162,14 @@ def in_batches(
     step: Float[np.ndarray, "2"] | None,
     key: Hashable,
     settings: ResolvedSettings,
-    trace: Callable[[Batches], tuple[tuple[Array, ...], Array]],
+    program: Callable[[Batches], tuple[tuple[Array, ...], Array]],
     room: Capacity | None = None,
 ) -> tuple[list[Any], Any]:
-    """Trace the same points of some pictures, of either one at least.
+    """Trace `points` in each of `pictures` scenes (both at least 1).
 
     Args:
         step: how far it is from one pixel to the next; None of points.
-        trace: traces batches. Returns arrays with the slots as their first axis and the places of a batch as their
+        program: traces batches. Returns arrays with the slots as their first axis and the places of a batch as their
             last, and how many rays each batch wanted.
         room: the sizes of a batch, within a transformation of JAX: one picture in one call, with traced `points`.
 
@@ -183,7 +179,7 @@ def in_batches(
     """
     total, devices = points.shape[1], jax.device_count()
     if room is not None:
-        arrays, wanted = trace(all_batches(points, step, room))
+        arrays, wanted = program(all_batches(points, step, room))
         found = [together(all_[..., : cut(total, room.pixels)[1]], total)[None] for all_ in arrays]
         return found, jnp.maximum(jnp.max(wanted) - room.rays, 0)
 
@@ -198,7 +194,7 @@ def in_batches(
         begin, end, parts = done, pictures, list[list[np.ndarray]]()
         for first in range(begin * batches, end * batches, BATCHES * devices):
             number = np.arange(first, min(first + BATCHES * devices, end * batches))
-            arrays, wanted = trace(fill_slots(number, points, step, room))
+            arrays, wanted = program(fill_slots(number, points, step, room))
             most = int(np.max(wanted))
             seen = max(seen, most / size)
             if most > room.rays:
@@ -218,31 +214,31 @@ def in_batches(
     return found, 0
 
 
-def map_batches(trace_batch, common, each, batches: Batches, reversible: bool):
-    """`trace_batch(common, one, points, pixels, step)` of each batch, stacked; slots that are empty stay zero.
+def map_batches(function, common, each, batches: Batches, reversible: bool):
+    """`function(common, one, points, pixels, step)` of each batch, stacked; slots that are empty stay zero.
 
     Args:
-        trace_batch: traces one; of what it is given and of nothing else that is traced, as for `share_out`.
+        function: of what it is given and of nothing else that is traced, as for `share_out`.
         reversible: whether reverse mode can go through it. It computes each batch anew, in the memory of one, on one
             device.
     """
 
-    def trace_some(common, each, points, counts, steps):
+    def own_share(common, each, points, counts, steps):
         (count, pixels), step = counts[0], steps[0]
 
         def one(number):
-            return trace_batch(common, jax.tree.map(lambda x: x[number], each), points[number], pixels, step)
+            return function(common, jax.tree.map(lambda x: x[number], each), points[number], pixels, step)
 
-        def trace_next(number, found):
+        def put(number, found):
             return jax.tree.map(lambda all_, new: all_.at[number].set(new), found, one(number))
 
         if reversible:
             return jax.lax.map(jax.checkpoint(one, prevent_cse=False), jnp.arange(len(points), dtype=jnp.int32))
         nothing = jax.tree.map(lambda x: jnp.zeros((len(points), *x.shape), x.dtype), jax.eval_shape(one, 0))
-        return jax.lax.fori_loop(0, count, trace_next, nothing)
+        return jax.lax.fori_loop(0, count, put, nothing)
 
     given = common, each, batches.points, batches.counts, batches.steps
-    return trace_some(*given) if reversible else share_out(trace_some, *given)
+    return own_share(*given) if reversible else share_out(own_share, *given)
 
 
 def share_out(function, common, *arrays):

@@ -1,4 +1,4 @@
-"""Settings of a picture as they are asked for, and the models' rules; free of JAX, for the command line."""
+"""The settings of a picture as they are asked for, and the models' rules; free of JAX, for the command line."""
 
 import dataclasses
 import math
@@ -6,29 +6,14 @@ from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from raytrace_jax.errors import SettingsError
-from raytrace_jax.scene.setting_words import (
-    MAX_BOUNCES,
-    MAX_PICTURE_SIDE,
-    MAX_SAMPLES,
-    EdgeMode,
-    EtaConvention,
-    ModelName,
-    PixelConvention,
-    Reflectance,
-)
+from raytrace_jax.scene import setting_words as words
 from raytrace_jax.util.checked import Checked, Wanted
 
 AovName = Literal["depth", "normal", "position", "shape_index", "bounce_count"]
-"""The names of the rows below."""
 
 
 class Aov(NamedTuple):
-    """A variable of each pixel's own point.
-
-    Args:
-        value: the variable, from a `integrator.Trace`.
-        missing: what stands where nothing is hit.
-    """
+    """A variable of each pixel's own point: its channels, its value of an `integrator.Outcome`, and that of a miss."""
 
     channels: tuple[str, ...]
     value: Callable[[Any], Any]
@@ -36,46 +21,43 @@ class Aov(NamedTuple):
 
 
 AOVS: dict[str, Aov] = {
-    "depth": Aov(("depth.Z",), lambda trace: trace.first.t),
-    "normal": Aov(("normal.X", "normal.Y", "normal.Z"), lambda trace: trace.first.n),
-    "position": Aov(("position.X", "position.Y", "position.Z"), lambda trace: trace.first.p),
-    "shape_index": Aov(("shape_index.I",), lambda trace: trace.first.shape, missing=-1),
-    "bounce_count": Aov(("bounce_count.I",), lambda trace: trace.bounce_count),
+    "depth": Aov(("depth.Z",), lambda outcome: outcome.first.t),
+    "normal": Aov(("normal.X", "normal.Y", "normal.Z"), lambda outcome: outcome.first.n),
+    "position": Aov(("position.X", "position.Y", "position.Z"), lambda outcome: outcome.first.p),
+    "shape_index": Aov(("shape_index.I",), lambda outcome: outcome.first.shape, missing=-1),
+    "bounce_count": Aov(("bounce_count.I",), lambda outcome: outcome.bounce_count),
 }
 """The AOVs, by the names of `RenderSettings.aov`."""
-
 
 Precision = Literal[32, 64]
 """Bits of a scene's floating-point numbers and so of its pictures; the scene's arrays have them, not the settings."""
 
 
 class ModelRules(NamedTuple):
-    """A model's rules of paths, apart from light.
+    """A model's own values of settings that are left out, and its other rules of paths.
 
     Args:
-        longest_path: a longer path ends in black, in world units; infinite where paths do not end.
-        least_weight: a ray that counts less in its pixel is black; 0 where all rays count.
-        only: the settings that this model has no choice of, with the one value that says nothing.
+        only: the settings that this model has no choice of, with the one value that they have.
     """
 
     max_bounces: int
-    longest_path: float
+    path_limit: float
     planes_end_at_image_plane: bool
-    mapping: PixelConvention
+    mapping: words.PixelConvention
     least_weight: float
     only: dict[str, object]
 
 
-MODEL_RULES: dict[ModelName, ModelRules] = {
+MODEL_RULES: dict[words.ModelName, ModelRules] = {
     # Course model, 1.2: the length of paths, and where planes end.
-    "classic": ModelRules(5, 100.0, True, "corner", 0.0, {"least_weight": None}),
+    "classic": ModelRules(5, 100.0, True, "corner", 0.0, {"least_weight": 0.0}),
     "additive": ModelRules(
         2,
         math.inf,
         True,
         "corner",
         0.0,
-        {"least_weight": None, "reflectance": "schlick", "eta": "course", "total_internal_reflection": True},
+        {"least_weight": 0.0, "reflectance": "schlick", "eta": "course", "total_internal_reflection": True},
     ),
     # A ball's inner reflections weigh 0.04 to the power of their number: 1e-4 would show in every pixel.
     "physical": ModelRules(
@@ -93,14 +75,12 @@ MODEL_RULES: dict[ModelName, ModelRules] = {
         },
     ),
 }
-"""The models' rules; `shading.models` has what they do with light."""
+"""The models' rules; `levels.level.MODELS` has what they do with radiance."""
 
 
 @dataclasses.dataclass(frozen=True)
 class RenderSettings(Checked):
     """Settings as they are asked for; None is what the scene's file says, or else the model's own.
-
-    A scene makes `ResolvedSettings` of it, in which nothing is left open (`resolved_settings.resolve_settings`).
 
     Raises:
         SettingsError: a value outside what is said below.
@@ -110,26 +90,28 @@ class RenderSettings(Checked):
 
     size: Annotated[
         tuple[int, int] | None,
-        Wanted(f"(width, height), each 1 to {MAX_PICTURE_SIDE} pixels", "W H", least=1, most=MAX_PICTURE_SIDE),
+        Wanted(
+            f"(width, height), each 1 to {words.MAX_PICTURE_SIDE} pixels", "W H", least=1, most=words.MAX_PICTURE_SIDE
+        ),
     ] = None
     """Width and height of the picture in pixels; without it the camera's pixeldim."""
     crop: Annotated[
         tuple[int, int, int, int] | None, Wanted("(x, y, width, height), four whole numbers of pixels", "X Y W H")
     ] = None
     """Render only this window of the picture: its left and top pixel, its width and its height."""
-    samples: Annotated[int | None, Wanted(metavar="N", least=1, most=MAX_SAMPLES)] = None
+    samples: Annotated[int | None, Wanted(metavar="N", least=1, most=words.MAX_SAMPLES)] = None
     """Samples per pixel and side: N renders an N x N grid within each pixel and averages it, 1 to 64. Without it 1."""
-    mapping: PixelConvention | None = None
+    mapping: words.PixelConvention | None = None
     """Where the pixels look. corner: pixel x at x / (width - 1) of the image plane, end points included, as the
     course has it; center: at (x + 1/2) / width, the centres of pixels that tile the image plane. Without it corner, in
     the physical model center."""
-    reflectance: Reflectance | None = None
+    reflectance: words.Reflectance | None = None
     """How reflected and transmitted light share a transparent surface. none: alpha blends the transmitted ray only;
     schlick: alpha blends both, weighted with Schlick's approximation of Fresnel's equations. Without it schlick."""
-    eta: EtaConvention | None = None
+    eta: words.EtaConvention | None = None
     """The ratio of indices on leaving a shape. course: 1.000293 * ior, as the course's code has it; physical:
     ior / 1.000293. Entering is the same in both. Without it course."""
-    max_bounces: Annotated[int | None, Wanted(metavar="N", least=0, most=MAX_BOUNCES)] = None
+    max_bounces: Annotated[int | None, Wanted(metavar="N", least=0, most=words.MAX_BOUNCES)] = None
     """How often a path may bounce, 0 to 64; a ray that has bounced more often is black. Without it 5, in the additive
     model 2, in the physical one 12."""
     total_internal_reflection: bool = True
@@ -140,17 +122,17 @@ class RenderSettings(Checked):
     """Follow the mirror ray of the specular colour, in the additive model of the reflectivity; off, there is none."""
     aov: Annotated[tuple[AovName, ...], Wanted(metavar="NAME ...")] = ()
     """More channels for the OpenEXR file: depth, normal, position, shape_index, bounce_count."""
-    edges: EdgeMode | None = None
+    edges: words.EdgeMode | None = None
     """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.
     Without it what the scene's file says, or point; derivatives then are those of areas, and see edges move."""
     binning: Annotated[int, Wanted(metavar="N", least=1, most=64)] = 1
     """Render one large pixel for each N x N of the picture: a quick preview. A crop is counted in large pixels."""
-    model: ModelName | None = None
+    model: words.ModelName | None = None
     """The shading model. It also gives the defaults of what the scene's file leaves out. classic: the assignment's
     model; additive: that of the report on checkpoints 4 to 6, with shadows; physical: that of real glass. Default: the
     settings in the scene's file, else classic. For the other options, too, the file's settings come first."""
     path_limit: Annotated[float | None, Wanted("a length greater than 0", "LENGTH", above=0)] = None
-    """A longer path ends in black, in world units. Without it 100 in the classic model, and none in the others."""
+    """A longer path ends in black, in world units. Without it 100 in the classic model, infinite in the others."""
     least_weight: Annotated[float | None, Wanted(metavar="SHARE", least=0, below=1)] = None
     """A ray that contributes less than this share to its pixel is black; 0 keeps all rays. Physical model only. Without
     it 1e-6."""

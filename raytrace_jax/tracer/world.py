@@ -1,18 +1,22 @@
-"""A scene laid out for tracing."""
+"""A scene laid out for tracing: shapes, the properties of materials that a model uses, and indices by channel."""
 
+from collections import namedtuple
 from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.scene import Background, PointLights, Scene, world_length
+from raytrace_jax.scene.scene import Background, ChannelMaterials, PointLights, Scene, world_length
+from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.geometry.intersection import Clusters, make_clusters
-from raytrace_jax.tracer.geometry.shape_types import repeated, scene_shapes
+from raytrace_jax.tracer.geometry.rays import Number
+from raytrace_jax.tracer.geometry.shape_types import repeated, scene_shapes, shape_materials
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.image_texture import Pyramid
-from raytrace_jax.tracer.shading.materials import channel_indices, prepare_materials
 from raytrace_jax.tracer.shading.textures import Textures, prepare_pyramids, prepare_textures
 
 
@@ -20,7 +24,7 @@ class World(eqx.Module):
     """A scene as rays meet it: shapes and their materials in the order of the file, and the lights.
 
     Args:
-        materials: of each shape the properties that the model uses, one of `materials.MATERIALS`.
+        materials: of each shape the properties that the model uses, one of `MATERIALS`.
         clusters: bounds around neighbouring shapes, where there are many; none of a scene whose edges matter.
         unit: the length that small distances are measured in: one in a scene as large as the course's, and so much
             more or less in others that a scene is traced alike in metres and in millimetres. Without derivative.
@@ -33,7 +37,7 @@ class World(eqx.Module):
     clusters: list[Clusters]
     materials: Any
     lights: PointLights
-    unit: Float[Array, ""]
+    unit: Number
     textures: Textures | None
     background: Background | None
     channel_ior: Float[Array, "3 shapes"] | None
@@ -60,3 +64,73 @@ def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyra
         scene.background if has_more else None,
         channel_indices(scene) if has_more else None,
     )
+
+
+LINE_CHANNEL = 1
+"""The channel, green, whose index stands for a material with three where one index serves all channels."""
+
+
+def _struct(model: ModelName) -> type[Any]:
+    """The properties that the table of blocks has for a model, of the type of material that has one index."""
+    rows = BLOCK_TYPES["material"][0].continuous
+    return namedtuple(f"{model.title()}Materials", [row.name for row in rows if row.is_used_by(model)])
+
+
+# Each has its name in this module, for programs are kept in files with the names of what they take and give.
+ClassicMaterials, AdditiveMaterials, PhysicalMaterials = map(_struct, ("classic", "additive", "physical"))
+
+MATERIALS: dict[ModelName, type[Any]] = {
+    "classic": ClassicMaterials,
+    "additive": AdditiveMaterials,
+    "physical": PhysicalMaterials,
+}
+"""For each model the properties that it uses, as in `scene.Materials`: what the table of blocks has for it."""
+
+
+def prepare_materials(scene: Scene, model: ModelName) -> Any:
+    """The material of every shape, in the order of the file, as the model's struct."""
+    columns = jnp.asarray(shape_materials(scene), jnp.int32)
+    struct = MATERIALS[model]
+    return struct(*(material_property(scene, name)[..., columns] for name in struct._fields))
+
+
+def material_property(scene: Scene, name: str) -> Float[Array, "*components materials"]:
+    """A property of all materials, type by type, as columns count them; of three indices `LINE_CHANNEL`."""
+    groups = [getattr(scene, row.group) for row in BLOCK_TYPES["material"]]
+    found = []
+    for group in [group for group in groups if group.names] or groups[:1]:
+        values = getattr(group, name)
+        found.append(values[LINE_CHANNEL] if name == "ior" and isinstance(group, ChannelMaterials) else values)
+    return found[0] if len(found) == 1 else jnp.concatenate(found, axis=-1)
+
+
+def cauchy_index(
+    n_d: Float[Array, " *materials"], abbe: Float[Array, " *materials"], wavelength: float
+) -> Float[Array, " *materials"]:
+    """The index of refraction by Cauchy's equation, `n(lambda) = A + B / lambda^2`.
+
+    The index n_d at the helium line d and Abbe's number `V = (n_d - 1) / (n_F - n_C)` give both constants:
+
+        n(lambda) = n_d + B (1 / lambda^2 - 1 / lambda_d^2),    B = (n_d - 1) / (V (1 / lambda_F^2 - 1 / lambda_C^2)).
+
+    (Cauchy 1836; Born and Wolf, "Principles of Optics", 2.3.4.)
+
+    Args:
+        n_d, abbe: without a unit.
+        wavelength: in nanometres.
+    """
+    line_d, line_f, line_c = 587.56, 486.13, 656.27  # Fraunhofer's lines in nanometres.
+    b = (n_d - 1) / (abbe * (line_f**-2 - line_c**-2))
+    return n_d + b * (wavelength**-2 - line_d**-2)
+
+
+def channel_indices(scene: Scene) -> Float[Array, "3 shapes"] | None:
+    """Each shape's index for each channel, as measured or by Abbe's number; None where no material has dispersion."""
+    if not scene.abbe_materials.names and not scene.channel_materials.names:
+        return None
+    alike = jnp.broadcast_to(scene.materials.ior, (3, len(scene.materials.names)))
+    dispersed = scene.abbe_materials
+    # Red, green and blue stand for one wavelength each, in nanometres.
+    by_abbe = jnp.stack([cauchy_index(dispersed.ior, dispersed.abbe, length) for length in (610.0, 550.0, 465.0)])
+    every = jnp.concatenate([alike, by_abbe, scene.channel_materials.ior], axis=-1)
+    return every[:, jnp.asarray(shape_materials(scene), jnp.int32)]

@@ -16,8 +16,8 @@ from raytrace_jax import RenderSettings, parse_scene, read_exr, read_picture, re
 from raytrace_jax.cli import dispatch, main
 from raytrace_jax.scene.checks import scene_warnings
 from raytrace_jax.scene.table import BLOCK_TYPES
+from raytrace_jax.tracer.levels.level import MODELS
 from raytrace_jax.tracer.shading.model import black
-from raytrace_jax.tracer.shading.models import MODELS
 
 DOCS = DATA.parent / "docs"
 SPEC = importlib.util.spec_from_file_location("pictures", DOCS / "pictures.py")

@@ -110,7 +110,7 @@ def test_the_history_begins_where_the_scene_is(met):
     np.testing.assert_allclose(met[0].initial, [1.337, 4.3, 2.3, -1])
 
 
-MOST = {"differentiate_batches": 2, "linearize": 3, "trace_batches": 1, "moved_scenes": 2, "probe_level": 0}
+MOST = {"differentiate_batches": 2, "linearize": 3, "color_batches": 1, "moved_scenes": 2, "probe_level": 0}
 """How often a fit may compile a program: for edges and for points, for small pictures of two sizes and the whole one,
 for a search and for the check of the model; no rays are counted; all others once."""
 

@@ -45,14 +45,14 @@ def test_settings_that_are_left_out_are_the_models_own():
     (kind,) = BLOCK_TYPES["settings"]
     without = {attribute.name: attribute.without for attribute in kind.attributes}
     classic, additive, physical = (MODEL_RULES[model] for model in ("classic", "additive", "physical"))
-    assert classic.mapping == additive.mapping and additive.longest_path == physical.longest_path == math.inf
+    assert classic.mapping == additive.mapping and additive.path_limit == physical.path_limit == math.inf
     assert without == {
         "model": ResolvedSettings().model,
         "mapping": f"{classic.mapping}, {physical.mapping} (physical)",
         "max_bounces": f"{classic.max_bounces}, {additive.max_bounces} (additive), {physical.max_bounces} (physical)",
         "edges": "point, of derivatives aware",
         "samples": f"{ResolvedSettings().samples}",
-        "path_limit": f"{classic.longest_path:g} (classic), else no limit",
+        "path_limit": f"{classic.path_limit:g} (classic), else no limit",
         "least_weight": f"{physical.least_weight:g} (physical only)",
         "reflectance": f"{ResolvedSettings().reflectance} (classic only)",
         "eta": f"{ResolvedSettings().eta} (classic only)",

@@ -11,22 +11,12 @@ from hypothesis import strategies as st
 from numpy_additive import NumpyAdditive
 from scenes import DATA, numbers, random_ball, random_plane, sphere
 
-from raytrace_jax import (
-    RenderSettings,
-    format_scene,
-    get_parameter,
-    load_scene,
-    make_renderer,
-    parse_scene,
-    picture_derivatives,
-    render,
-    set_parameters,
-)
+import raytrace_jax as rj
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (24, 18)
-HOW = RenderSettings(size=SIZE, model="additive", edges="point")
+HOW = rj.RenderSettings(size=SIZE, model="additive", edges="point")
 BALL = """
 camera eye { pixeldim 48 36 worlddim 8 6 viewpoint 4 3 6 }
 light lamp { location 2.5 5.5 1 emissivity 1 .9 .8 energy 25 }
@@ -38,7 +28,7 @@ sphere ball { material ball center 4.2 2.1 -2 radius 1.1 }
 
 
 def checkpoints():
-    return load_scene(DATA / "checkpoints.txt", model="additive")
+    return rj.load_scene(DATA / "checkpoints.txt", model="additive")
 
 
 def random_scene(seed, planes=2, spheres=3):
@@ -65,13 +55,13 @@ def random_scene(seed, planes=2, spheres=3):
             f" ior {numbers([ior])} hardness {numbers([hardness])} reflectivity {numbers([reflectivity])}"
             f" fresnel {random.integers(0, 2)} transmission {numbers([transmission])} }}"
         )
-    return parse_scene("\n".join([*blocks, *shapes]), model="additive")
+    return rj.parse_scene("\n".join([*blocks, *shapes]), model="additive")
 
 
 def assert_same_picture(scene, depth, most_ties):
     """Both tracers agree to rounding, except in the few pixels where a tie is decided by it."""
-    how = RenderSettings(size=SIZE, model="additive", max_bounces=depth, edges="point")
-    found = np.asarray(render(scene, how).image)
+    how = rj.RenderSettings(size=SIZE, model="additive", max_bounces=depth, edges="point")
+    found = np.asarray(rj.render(scene, how).image)
     error = np.abs(found - NumpyAdditive(scene, depth).image(*SIZE)).max(0)
     assert np.sum(error > 1e-9) <= most_ties, f"{np.sum(error > 1e-9)} pixels differ, by up to {error.max():.3g}"
     return found
@@ -93,27 +83,27 @@ def test_random_scenes(seed, depth):
 def test_what_a_file_leaves_out_has_the_models_own_default():
     text = "camera c { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
     text += " light l { location 0 0 0 emissivity 1 1 1 } material m { }"
-    scene, classic = parse_scene(text, model="additive"), parse_scene(text)
+    scene, classic = rj.parse_scene(text, model="additive"), rj.parse_scene(text)
     expected = {"diffuse": 0.78, "specular": 0.2, "ambient": 0.05, "ior": 1.45}
     for name, value in expected.items():
-        np.testing.assert_allclose(get_parameter(scene, f"m.{name}"), value)
-        assert np.all(np.asarray(get_parameter(classic, f"m.{name}")) == (name == "ior"))
+        np.testing.assert_allclose(rj.get_parameter(scene, f"m.{name}"), value)
+        assert np.all(np.asarray(rj.get_parameter(classic, f"m.{name}")) == (name == "ior"))
     own = {"hardness": 1000, "reflectivity": 0, "fresnel": 0, "transmission": 0}
     for read in (scene, classic):
-        assert all(float(get_parameter(read, f"m.{name}")) == value for name, value in own.items())
-        assert float(get_parameter(read, "l.energy")) == 10
-    assert "diffuse" not in format_scene(scene, model="additive") and "0.78" in format_scene(scene)
-    again = parse_scene(format_scene(scene), model="additive")
-    assert format_scene(again) == format_scene(scene)
+        assert all(float(rj.get_parameter(read, f"m.{name}")) == value for name, value in own.items())
+        assert float(rj.get_parameter(read, "l.energy")) == 10
+    assert "diffuse" not in rj.format_scene(scene, model="additive") and "0.78" in rj.format_scene(scene)
+    again = rj.parse_scene(rj.format_scene(scene), model="additive")
+    assert rj.format_scene(again) == rj.format_scene(scene)
 
 
 @pytest.mark.slow
 def test_the_switch_of_the_mirror_ray():
     scene = checkpoints()
-    without = render(scene, RenderSettings(size=SIZE, model="additive", reflection=False)).image
+    without = rj.render(scene, rj.RenderSettings(size=SIZE, model="additive", reflection=False)).image
     dull = {f"{name}.{what}": 0.0 for name in scene.materials.names for what in ("reflectivity", "fresnel")}
-    lit = render(set_parameters(scene, dull), HOW).image
-    assert np.abs(np.asarray(render(scene, HOW).image - without)).max() > 0.05
+    lit = rj.render(rj.set_parameters(scene, dull), HOW).image
+    assert np.abs(np.asarray(rj.render(scene, HOW).image - without)).max() > 0.05
     # Glass lets more through where it reflects nothing.
     assert np.all(np.asarray(lit - without) >= -1e-12)
 
@@ -121,9 +111,9 @@ def test_the_switch_of_the_mirror_ray():
 @pytest.mark.slow
 @pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
 def test_derivatives_are_finite_and_agree_in_both_modes(edges):
-    scene = parse_scene(BALL.replace("reflectivity .3", "fresnel 1 transmission .6"), model="additive")
-    how = RenderSettings(size=SIZE, model="additive", max_bounces=1, edges=edges)
-    renderer = make_renderer(scene, how)
+    scene = rj.parse_scene(BALL.replace("reflectivity .3", "fresnel 1 transmission .6"), model="additive")
+    how = rj.RenderSettings(size=SIZE, model="additive", max_bounces=1, edges=edges)
+    renderer = rj.make_renderer(scene, how)
 
     def loss(scene):
         return jnp.sum(renderer(scene).image ** 2)
@@ -148,12 +138,12 @@ SMOOTH = (
 
 @pytest.mark.slow
 def test_point_derivatives_of_what_moves_no_edge_seen_directly():
-    scene = set_parameters(checkpoints(), {"lacquer.fresnel": 0.9})  # differences need room on both sides
-    found = np.asarray(picture_derivatives(scene, SMOOTH, HOW).values)
+    scene = rj.set_parameters(checkpoints(), {"lacquer.fresnel": 0.9})  # differences need room on both sides
+    found = np.asarray(rj.picture_derivatives(scene, SMOOTH, HOW).values)
     step = 1e-5
     for name, derivative in zip(SMOOTH, found, strict=True):
-        at = float(get_parameter(scene, name))
-        ends = [render(set_parameters(scene, {name: at + sign * step}), HOW).image for sign in (-0.5, 0.5)]
+        at = float(rj.get_parameter(scene, name))
+        ends = [rj.render(rj.set_parameters(scene, {name: at + sign * step}), HOW).image for sign in (-0.5, 0.5)]
         difference = np.asarray(ends[1] - ends[0]) / step
         # Refracted edges may cross a sample; nothing else may differ.
         wrong = np.abs(difference - derivative).max(0) > 1e-5 * (1 + np.abs(difference).max(0))
@@ -164,9 +154,12 @@ def test_point_derivatives_of_what_moves_no_edge_seen_directly():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["lamp.location.x", "ball.center.x", "ball.radius"])
 def test_derivatives_see_shadow_edges(name):
-    scene, how = parse_scene(BALL, model="additive"), RenderSettings(model="additive", edges="aware", max_bounces=1)
-    found = picture_derivatives(scene, [name], how).values[0]
+    scene, how = (
+        rj.parse_scene(BALL, model="additive"),
+        rj.RenderSettings(model="additive", edges="aware", max_bounces=1),
+    )
+    found = rj.picture_derivatives(scene, [name], how).values[0]
     expected = finite_differences(scene, [name], how, 0.02, 16)[0]
-    blind = picture_derivatives(scene, [name], dataclasses.replace(how, edges="point")).values[0]
+    blind = rj.picture_derivatives(scene, [name], dataclasses.replace(how, edges="point")).values[0]
     assert relative_error(found, expected) < 0.15 and correlation(found, expected) > 0.98
     assert relative_error(blind, expected) > 0.3

@@ -1,5 +1,7 @@
 """Bounds around clusters of shapes: what is found with them is what all shapes say, and they hold what is in them."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -85,7 +87,8 @@ def test_derivatives_pass_by_the_bounds(monkeypatch):
     value, forward, backward = jax.jit(both)(jnp.asarray(1.5))
     np.testing.assert_allclose(backward, forward, rtol=1e-9)
     assert forward != 0
-    monkeypatch.setattr(clusters, "FEWEST", 1000)
+    few = functools.partial(clusters.make_clusters, fewest=1000)
+    monkeypatch.setattr("raytrace_jax.tracer.world.make_clusters", few)
     jax.clear_caches()  # The number is not an argument.
     np.testing.assert_allclose(value, jax.jit(image)(jnp.asarray(1.5)), atol=1e-12)
 

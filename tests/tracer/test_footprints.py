@@ -15,7 +15,7 @@ from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import take
 from raytrace_jax.tracer.shading.quadrature import mean, positive_fractions
-from raytrace_jax.tracer.visibility.footprints import NODE, transport
+from raytrace_jax.tracer.visibility.footprints import transport
 from raytrace_jax.tracer.visibility.look import find_two_nearest
 from raytrace_jax.tracer.world import prepare_world
 
@@ -101,7 +101,7 @@ def test_light_that_goes_to_and_fro_between_two_balls_has_finite_derivatives():
         np.testing.assert_allclose(backward(jnp.asarray(ior)), columns.sum(), rtol=1e-5)
 
 
-CORNERS = [(u * NODE, v * NODE) for u in (-1, 1) for v in (-1, 1)]
+CORNERS = [(u / 12**0.5, v / 12**0.5) for u in (-1, 1) for v in (-1, 1)]
 GRID = (np.arange(200) + 0.5) / 200 - 0.5
 
 

@@ -16,7 +16,7 @@ from raytrace_jax.tracer.geometry import intersection, shape_types
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take, unpacked
 from raytrace_jax.tracer.geometry.shape_types import scene_shapes as shapes_of
 from raytrace_jax.tracer.levels.compaction import pack_rays
-from raytrace_jax.tracer.levels.level import trace_points
+from raytrace_jax.tracer.levels.level import point_level
 from raytrace_jax.tracer.world import prepare_world
 
 SETTINGS = resolved()
@@ -42,9 +42,9 @@ def nearest(shapes, rays):
 @jax.jit
 def children_of(scene, rays):
     """The rays that all hits of `rays` send on."""
-    level = trace_points(prepare_world(scene, SETTINGS), rays, jnp.ones(COUNT, bool), SETTINGS)
+    level = point_level(prepare_world(scene, SETTINGS), rays, jnp.ones(COUNT, bool), SETTINGS)
     rays, packing = pack_rays(level.children, jnp.ones(COUNT, jnp.int32))
-    return unpacked(rays), packing.live
+    return unpacked(rays), jnp.arange(packing.candidate.size, dtype=jnp.int32) < packing.count
 
 
 def free_rays(o, d, dtype=jnp.float64):
@@ -92,7 +92,7 @@ def test_the_nearest_hit_is_that_of_brute_force_and_lies_on_its_shape(seed):
     hits = shoot(scene, rays)
     reference = NumpyTracer(scene, SETTINGS)
     t, nearest = reference.nearest_hit(np.asarray(rays.o).T, np.asarray(rays.d).T)
-    np.testing.assert_array_equal(hits.valid, t <= SETTINGS.longest_path)
+    np.testing.assert_array_equal(hits.valid, t <= SETTINGS.path_limit)
     some = np.asarray(hits.valid)
     np.testing.assert_array_equal(np.asarray(hits.shape)[some], nearest[some])
     np.testing.assert_allclose(np.asarray(hits.t)[some], t[some], atol=1e-9)

@@ -7,19 +7,10 @@ import subprocess
 import numpy as np
 import pytest
 
-from raytrace_jax import (
-    RenderSettings,
-    SceneError,
-    build,
-    export_scene,
-    fit,
-    picture_derivatives,
-    render,
-    set_parameters,
-)
+import raytrace_jax as rj
 
 SIZE = (96, 72)
-AS_PHYSICAL = RenderSettings(model="physical", size=SIZE)
+AS_PHYSICAL = rj.RenderSettings(model="physical", size=SIZE)
 FINISH = "finish { ambient 0 diffuse 0 reflection { 0, 1 fresnel on } conserve_energy }"
 GLASS = f"pigment {{ rgbt 1 }} {FINISH} interior {{ ior %s }}"
 
@@ -39,16 +30,20 @@ SMOOTH = {
 
 def scene(eye, lookat, *shapes, texture=CHECKER):
     """Shapes before one board and above another."""
-    return build.make_scene(
-        build.camera("eye", pixeldim=SIZE, viewpoint=eye, lookat=lookat, fov=50.0),
-        build.background("sky", radiance=(0.3, 0.4, 0.5)),
-        build.texture("pattern", **texture),
-        build.material("board", emission=(1.0, 1.0, 1.0), texture="pattern"),
-        build.material("glass", transmission=1.0, ior=1.5),
-        build.material("water", transmission=1.0, ior=1.33),
-        build.material("air", transmission=1.0, ior=1.0),
-        build.rectangle("back", material="board", center=(0.0, 0.0, -3.0), right=(4.0, 0.0, 0.0), up=(0.0, 4.0, 0.0)),
-        build.rectangle("low", material="board", center=(0.0, -2.0, 0.0), right=(4.0, 0.0, 0.0), up=(0.0, 0.0, -4.0)),
+    return rj.build.make_scene(
+        rj.build.camera("eye", pixeldim=SIZE, viewpoint=eye, lookat=lookat, fov=50.0),
+        rj.build.background("sky", radiance=(0.3, 0.4, 0.5)),
+        rj.build.texture("pattern", **texture),
+        rj.build.material("board", emission=(1.0, 1.0, 1.0), texture="pattern"),
+        rj.build.material("glass", transmission=1.0, ior=1.5),
+        rj.build.material("water", transmission=1.0, ior=1.33),
+        rj.build.material("air", transmission=1.0, ior=1.0),
+        rj.build.rectangle(
+            "back", material="board", center=(0.0, 0.0, -3.0), right=(4.0, 0.0, 0.0), up=(0.0, 4.0, 0.0)
+        ),
+        rj.build.rectangle(
+            "low", material="board", center=(0.0, -2.0, 0.0), right=(4.0, 0.0, 0.0), up=(0.0, 0.0, -4.0)
+        ),
         *shapes,
         model="physical",
         dtype=np.float64,
@@ -56,18 +51,18 @@ def scene(eye, lookat, *shapes, texture=CHECKER):
 
 
 def water(height=-0.6):
-    return build.plane("sea", material="water", normal=(0.0, 1.0, 0.0), point=(0.0, height, 0.0))
+    return rj.build.plane("sea", material="water", normal=(0.0, 1.0, 0.0), point=(0.0, height, 0.0))
 
 
 def slab(ior=1.5):
     """All behind the upper plane is of glass, but for what is behind the lower one: of two planes the first decides."""
     return (
-        build.plane("under", material="air", normal=(0.3, 0.0, 1.0), point=(0.0, 0.0, -0.5)),
-        build.plane("over", material="glass", normal=(0.3, 0.0, 1.0), point=(0.0, 0.0, 0.3)),
+        rj.build.plane("under", material="air", normal=(0.3, 0.0, 1.0), point=(0.0, 0.0, -0.5)),
+        rj.build.plane("over", material="glass", normal=(0.3, 0.0, 1.0), point=(0.0, 0.0, 0.3)),
     )
 
 
-BALL = build.sphere("ball", material="glass", center=(0.0, 0.0, 0.0), radius=1.0)
+BALL = rj.build.sphere("ball", material="glass", center=(0.0, 0.0, 0.0), radius=1.0)
 SCENES = {
     "a water surface": scene((0.0, 1.5, 5.0), (0.0, -0.5, 0.0), water()),
     "a camera under water": scene((0.0, -1.5, 3.0), (0.0, -0.5, -1.0), water()),
@@ -77,7 +72,7 @@ SCENES = {
         (0.4, 0.5, 5.0),
         (0.0, 0.0, 0.0),
         BALL,
-        build.sphere("small", material="water", center=(0.7, 0.1, 0.5), radius=0.6),
+        rj.build.sphere("small", material="water", center=(0.7, 0.1, 0.5), radius=0.6),
         texture=SMOOTH,
     ),
 }
@@ -106,7 +101,7 @@ def test_pov_ray_shows_the_same(name, tmp_path):
     overlaps = name == "overlapping balls"
     # Light goes round and round in two balls, and in POV-Ray a surface that parts nothing counts as a bounce.
     settings = dataclasses.replace(AS_PHYSICAL, max_bounces=40 if overlaps else None)
-    export_scene(SCENES[name], tmp_path / "scene.pov", "pov", settings)
+    rj.export_scene(SCENES[name], tmp_path / "scene.pov", "pov", settings)
     text = (tmp_path / "scene.pov").read_text().replace("max_trace_level 41", "max_trace_level 200")
     if name in IN_POV_RAY:
         start, words = IN_POV_RAY[name]
@@ -115,7 +110,7 @@ def test_pov_ray_shows_the_same(name, tmp_path):
     subprocess.run(command.split(), cwd=tmp_path, check=True, capture_output=True)
     data = (tmp_path / "scene.ppm").read_bytes()[-6 * SIZE[0] * SIZE[1] :]
     theirs = np.frombuffer(data, ">u2").reshape(SIZE[1], SIZE[0], 3).transpose(2, 0, 1) / 65535
-    off = np.abs(theirs - np.clip(render(SCENES[name], settings).image, 0, 1)).max(axis=0)
+    off = np.abs(theirs - np.clip(rj.render(SCENES[name], settings).image, 0, 1)).max(axis=0)
     # The gap shows where light goes round; with the other ball's glass in the overlap four times as many pixels differ.
     close, share = (0.02, 0.025) if overlaps else (2e-5, 0.01)
     assert np.mean(off > close) < share, (np.mean(off > close), off.max())
@@ -131,8 +126,8 @@ def test_a_slab_shifts_what_is_behind_it_by_snell_s_law():
 
     def seen(*shapes):
         made = scene((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), *shapes, texture=ramp)
-        made = set_parameters(made, {"eye.fov": 1e-3, "sky.radiance": (0.0, 0.0, 0.0)})
-        return float(render(made, RenderSettings(size=(1, 1), max_bounces=2)).image[0, 0, 0])
+        made = rj.set_parameters(made, {"eye.fov": 1e-3, "sky.radiance": (0.0, 0.0, 0.0)})
+        return float(rj.render(made, rj.RenderSettings(size=(1, 1), max_bounces=2)).image[0, 0, 0])
 
     reflectance = 0.5 * (
         (np.sin(angle - inner) / np.sin(angle + inner)) ** 2 + (np.tan(angle - inner) / np.tan(angle + inner)) ** 2
@@ -147,13 +142,13 @@ def test_flat_glass_is_refused_in_words():
     made = scene(
         (0.0, 0.0, 5.0),
         (0.0, 0.0, 0.0),
-        build.rectangle("pane", material="glass", center=(0.0, 0.0, 0.0), right=(1.0, 0.0, 0.0), up=(0.0, 1.0, 0.0)),
+        rj.build.rectangle("pane", material="glass", center=(0.0, 0.0, 0.0), right=(1.0, 0.0, 0.0), up=(0.0, 1.0, 0.0)),
     )
     for use in (
-        lambda: render(made, AS_PHYSICAL),
-        lambda: picture_derivatives(made, ["glass.ior"], AS_PHYSICAL),
-        lambda: fit(made, np.random.default_rng(0).uniform(size=(3, *SIZE[::-1])), ["glass.ior"], AS_PHYSICAL),
+        lambda: rj.render(made, AS_PHYSICAL),
+        lambda: rj.picture_derivatives(made, ["glass.ior"], AS_PHYSICAL),
+        lambda: rj.fit(made, np.random.default_rng(0).uniform(size=(3, *SIZE[::-1])), ["glass.ior"], AS_PHYSICAL),
     ):
-        with pytest.raises(SceneError, match="rectangle 'pane': its material 'glass' lets light through"):
+        with pytest.raises(rj.SceneError, match="rectangle 'pane': its material 'glass' lets light through"):
             use()
-    assert np.isfinite(render(set_parameters(made, {"glass.transmission": 0.0}), AS_PHYSICAL).image).all()
+    assert np.isfinite(rj.render(rj.set_parameters(made, {"glass.transmission": 0.0}), AS_PHYSICAL).image).all()

@@ -24,17 +24,7 @@ from physical_scenes import (
 )
 from scenes import scaled_scene
 
-from raytrace_jax import (
-    RenderSettings,
-    SceneWarning,
-    get_parameter,
-    load_scene,
-    make_renderer,
-    parse_scene,
-    picture_derivatives,
-    render,
-    set_parameters,
-)
+import raytrace_jax as rj
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
@@ -52,14 +42,14 @@ def as_scene(tmp_path):
     def read(description):
         write_images(description, tmp_path)
         (tmp_path / "scene.txt").write_text(scene_text(description))
-        return load_scene(tmp_path / "scene.txt", dtype=np.float64)
+        return rj.load_scene(tmp_path / "scene.txt", dtype=np.float64)
 
     return read
 
 
 def assert_same(scene, description, most_pixels=0.005):
     """All pixels but a few, whose rays meet an edge to the last digit, are the plain tracer's to 1e-9."""
-    difference = abs(np.asarray(render(scene).image) - numpy_physical.picture(description)).max(axis=0)
+    difference = abs(np.asarray(rj.render(scene).image) - numpy_physical.picture(description)).max(axis=0)
     assert np.isfinite(difference).all()
     assert np.mean(difference > 1e-9) <= most_pixels, f"{np.sort(difference.ravel())[-20:]}"
 
@@ -102,13 +92,13 @@ def lit(*shapes, **more):
 def test_a_file_that_contradicts_itself_is_refused_and_another_models_settings_are_left_out():
     said = "settings main { model additive reflectance none least_weight 0.1 }\n"
     text = said + "camera eye { pixeldim 4 3 viewpoint 0 0 5 lookat 0 0 0 fov 40 }"
-    scene = parse_scene(text)
+    scene = rj.parse_scene(text)
     with pytest.raises(ValueError, match=r"a meaning only in the (classic|physical) model"):
         resolve_settings(scene)
-    with pytest.warns(SceneWarning, match="loaded as additive and is rendered as classic"):
-        assert resolve_settings(scene, RenderSettings(model="classic")) == ResolvedSettings(reflectance="none")
-    scene = parse_scene(text, model="physical")
-    assert resolve_settings(scene, RenderSettings(samples=2)) == ResolvedSettings(
+    with pytest.warns(rj.SceneWarning, match="loaded as additive and is rendered as classic"):
+        assert resolve_settings(scene, rj.RenderSettings(model="classic")) == ResolvedSettings(reflectance="none")
+    scene = rj.parse_scene(text, model="physical")
+    assert resolve_settings(scene, rj.RenderSettings(samples=2)) == ResolvedSettings(
         model="physical", least_weight=0.1, samples=2
     )
 
@@ -117,11 +107,11 @@ def test_a_file_that_contradicts_itself_is_refused_and_another_models_settings_a
 def test_a_white_furnace_is_white_but_for_what_is_still_under_way(as_scene):
     balls = [Sphere(GLASS, (0, 0, 0), 1), Sphere(Material(transmission=1, ior=1.8), (0.2, 0.1, 0.3), 0.4)]
     scene = as_scene(Scene(EYE, balls, radiance=(1, 1, 1), max_bounces=16))
-    seen = np.asarray(render(scene).image)
+    seen = np.asarray(rj.render(scene).image)
     assert seen.max() < 1 + 1e-12
     assert np.median(1 - seen) < 1e-6
     # Paths that hardly count are left out, and no more is missing than they count for.
-    few = np.asarray(render(scene, RenderSettings(least_weight=1e-3)).image)
+    few = np.asarray(rj.render(scene, rj.RenderSettings(least_weight=1e-3)).image)
     assert 1e-6 < (seen - few).max() < 0.02
     assert (seen - few).min() >= 0
 
@@ -153,7 +143,7 @@ LAKE = "plane lake { material water normal 0.1 0.2 1 point 0 0 0 }"
 def test_surfaces_that_coincide_are_crossed_together(shapes, same):
     lake = "" if "ball" in shapes else LAKE
     pictures = [
-        render(parse_scene(BEFORE_A_BOARD + lake + some, model="physical")).image
+        rj.render(rj.parse_scene(BEFORE_A_BOARD + lake + some, model="physical")).image
         for some in (shapes, shapes.replace(*same))
     ]
     np.testing.assert_allclose(*pictures, rtol=1e-5)
@@ -162,9 +152,9 @@ def test_surfaces_that_coincide_are_crossed_together(shapes, same):
 @pytest.mark.slow
 def test_a_ball_of_which_there_is_a_copy_has_its_own_derivatives():
     """An edge between two surfaces that coincide would be anywhere."""
-    settings, names = RenderSettings(edges="aware"), ["ball.ior", "ball.center"]
+    settings, names = rj.RenderSettings(edges="aware"), ["ball.ior", "ball.center"]
     one, two = (
-        picture_derivatives(parse_scene(BEFORE_A_BOARD + some, model="physical"), names, settings)
+        rj.picture_derivatives(rj.parse_scene(BEFORE_A_BOARD + some, model="physical"), names, settings)
         for some in (BALL, BALL + COPY)
     )
     np.testing.assert_allclose(two.image, one.image, rtol=1e-5)
@@ -175,7 +165,7 @@ def test_a_ball_of_which_there_is_a_copy_has_its_own_derivatives():
 def test_glass_of_index_one_is_not_there(as_scene):
     """Abbe's number says nothing of it either; it is traced channel by channel."""
     with_ball = as_scene(lit(Sphere(Material(transmission=1, ior=1, abbe=50.0), (0, 0, 0), 1)))
-    np.testing.assert_allclose(render(with_ball).image, render(as_scene(lit())).image, rtol=1e-12)
+    np.testing.assert_allclose(rj.render(with_ball).image, rj.render(as_scene(lit())).image, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -183,9 +173,9 @@ def test_a_scaled_scene_has_the_same_picture(as_scene):
     ball = Sphere(Material(transmission=1, ior=1.5, absorption=(0.1, 0.2, 0.3)), (0, 0, 0), 1)
     matt = Sphere(Material(diffuse=(0.5, 0.6, 0.7), reflectivity=0.3), (1, -0.8, 1.2), 0.4)
     scene = as_scene(lit(ball, matt, lights=[Light((2, 3, 3), (9, 8, 7))], max_bounces=4))
-    expected = np.asarray(render(scene).image)
+    expected = np.asarray(rj.render(scene).image)
     for factor in (1e-3, 1e3):
-        off = abs(np.asarray(render(scaled_scene(scene, factor, "physical")).image) - expected).max(axis=0)
+        off = abs(np.asarray(rj.render(scaled_scene(scene, factor, "physical")).image) - expected).max(axis=0)
         assert np.mean(off > 1e-9) < 0.01, (factor, off.max())
 
 
@@ -213,13 +203,13 @@ def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
     matt = Sphere(Material(diffuse=(0.5, 0.6, 0.7), reflectivity=0.3, transmission=0.2, ior=1.3), (1, -0.8, 1.2), 0.4)
     scene = as_scene(lit(ball, matt, lights=[Light((2, 3, 3), (9, 8, 7))], max_bounces=4))
     names = list(NUMBERS)
-    points = RenderSettings(edges="point")
-    found = np.asarray(picture_derivatives(scene, names, points).values)
+    points = rj.RenderSettings(edges="point")
+    found = np.asarray(rj.picture_derivatives(scene, names, points).values)
     assert np.isfinite(found).all()
     for name, derivative in zip(names, found, strict=True):
-        value, step = float(get_parameter(scene, name)), NUMBERS[name]
+        value, step = float(rj.get_parameter(scene, name)), NUMBERS[name]
         ahead, behind = (
-            np.asarray(render(set_parameters(scene, {name: value + side * step})).image) for side in (1, -1)
+            np.asarray(rj.render(rj.set_parameters(scene, {name: value + side * step})).image) for side in (1, -1)
         )
         difference = (ahead - behind) / (2 * step)
         error = abs(derivative - difference).max(axis=0) / (1 + abs(difference).max(axis=0))
@@ -227,14 +217,14 @@ def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
         assert abs(difference).max() > 1e-3, f"{name} changes nothing, so that the test says nothing"
 
     # Backwards the derivative of a weighted sum is the sum of these.
-    renderer = make_renderer(scene, points)
+    renderer = rj.make_renderer(scene, points)
     weights = np.random.default_rng(0).normal(size=found.shape[1:])
 
     def weighted(values):
-        moved = set_parameters(scene, dict(zip(names, values, strict=True)))
+        moved = rj.set_parameters(scene, dict(zip(names, values, strict=True)))
         return jnp.sum(weights * renderer(moved).image)
 
-    values = jnp.asarray([float(get_parameter(scene, name)) for name in names])
+    values = jnp.asarray([float(rj.get_parameter(scene, name)) for name in names])
     backwards = jax.jit(jax.grad(weighted))(values)
     np.testing.assert_allclose(backwards, np.sum(found * weights, axis=(1, 2, 3)), rtol=1e-8, atol=1e-8)
 
@@ -245,7 +235,7 @@ def test_dense_and_thin_glass_has_finite_pictures_and_derivatives(as_scene, ior)
     description = lit(Sphere(Material(transmission=1, ior=ior, absorption=(0.1, 0.2, 0.3)), (0, 0, 0), 1))
     camera = dataclasses.replace(EYE, viewpoint=(0, 0, 5), lookat=(0, 0, -1), fov=60)
     scene = as_scene(dataclasses.replace(description, camera=camera, max_bounces=8))
-    found = picture_derivatives(scene, ["m1.ior", "s1.center", "s1.radius", "m1.absorption", "eye.fov"])
+    found = rj.picture_derivatives(scene, ["m1.ior", "s1.center", "s1.radius", "m1.absorption", "eye.fov"])
     assert np.isfinite(found.image).all() and np.isfinite(found.values).all()
     assert abs(np.asarray(found.values)).max() > 0
 

@@ -7,21 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from raytrace_jax import (
-    FitOptions,
-    RenderSettings,
-    fit,
-    load_scene,
-    make_residual,
-    optics,
-    parse_scene,
-    picture_derivatives,
-    render,
-    set_parameters,
-)
+import raytrace_jax as rj
 from raytrace_jax.util.compilation import forget_programs
 
-SETTINGS = RenderSettings(size=(12, 9), max_bounces=2)
+SETTINGS = rj.RenderSettings(size=(12, 9), max_bounces=2)
 BALL = """
 settings main { model physical }
 camera eye { pixeldim 48 36 viewpoint 0.3 0.4 5 lookat 0 0 0 fov 30 }
@@ -56,27 +45,27 @@ def refused():
     ("model", "edges"), [("classic", "aware"), ("additive", "point"), ("physical", "point"), ("physical", "aware")]
 )
 def test_every_model_is_rendered(model, edges):
-    scene = parse_scene(ROOM) if model == "physical" else load_scene("vitreous", model=model)
-    film = render(scene, dataclasses.replace(SETTINGS, edges=edges))
+    scene = rj.parse_scene(ROOM) if model == "physical" else rj.load_scene("vitreous", model=model)
+    film = rj.render(scene, dataclasses.replace(SETTINGS, edges=edges))
     assert np.isfinite(film.image).all() and np.ptp(np.asarray(film.image)) > 0
 
 
 @pytest.mark.slow
 def test_a_picture_is_fitted():
-    scene, settings = parse_scene(BALL), dataclasses.replace(SETTINGS, edges="point")
-    target = np.asarray(render(scene, settings).image)
-    assert picture_derivatives(scene, ["ball.ior"], settings).values.shape == (1, 3, 9, 12)
-    residual = make_residual(scene, target, ["ball.ior"], settings)
+    scene, settings = rj.parse_scene(BALL), dataclasses.replace(SETTINGS, edges="point")
+    target = np.asarray(rj.render(scene, settings).image)
+    assert rj.picture_derivatives(scene, ["ball.ior"], settings).values.shape == (1, 3, 9, 12)
+    residual = rj.make_residual(scene, target, ["ball.ior"], settings)
     assert jax.eval_shape(jax.jacfwd(residual.residual, has_aux=True), residual.start)[0].shape[-1] == 1
-    start = set_parameters(scene, {"ball.ior": 1.51})
-    result = fit(start, target, ["ball.ior"], settings, FitOptions(search=False))
+    start = rj.set_parameters(scene, {"ball.ior": 1.51})
+    result = rj.fit(start, target, ["ball.ior"], settings, rj.FitOptions(search=False))
     assert result["ball.ior"].value == pytest.approx(1.5, abs=1e-4)
 
 
 def test_formulas_take_many_rays():
     d = jnp.stack([jnp.zeros(4), -jnp.ones(4), jnp.zeros(4)])
     for n in (d, -d):
-        assert np.isfinite(optics.refract(d, n, jnp.full(4, 1.5))[0]).all()
-        assert np.isfinite(optics.reflect(d, n)).all()
-    assert np.isfinite(optics.fresnel_dielectric(np.linspace(0, 1, 4), 1.5)).all()
-    assert np.isfinite(optics.prism_deviation(np.linspace(0.5, 1, 4), 1.5, 1.0)).all()
+        assert np.isfinite(rj.optics.refract(d, n, jnp.full(4, 1.5))[0]).all()
+        assert np.isfinite(rj.optics.reflect(d, n)).all()
+    assert np.isfinite(rj.optics.fresnel_dielectric(np.linspace(0, 1, 4), 1.5)).all()
+    assert np.isfinite(rj.optics.prism_deviation(np.linspace(0.5, 1, 4), 1.5, 1.0)).all()

@@ -39,7 +39,7 @@ def test_a_rectangle_is_hit_where_its_plane_is_within_its_sides(seed):
     o, d, normal = np.asarray(rays.o).T, np.asarray(rays.d).T, np.cross(*axes) / np.linalg.norm(np.cross(*axes))
     t = ((center - o) @ normal) / (d @ normal)
     inside = np.abs((o + t[:, None] * d - center) @ axes.T / np.sum(axes**2, axis=1)) <= 1
-    expected = (t > 0) & inside.all(axis=1) & (t <= SETTINGS.longest_path)
+    expected = (t > 0) & inside.all(axis=1) & (t <= SETTINGS.path_limit)
     np.testing.assert_array_equal(hits.valid, expected)
     np.testing.assert_allclose(np.asarray(hits.t)[expected], t[expected], atol=1e-9)
     np.testing.assert_allclose(np.asarray(hits.n).T[expected], np.broadcast_to(normal, (expected.sum(), 3)), atol=1e-12)

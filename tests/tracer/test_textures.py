@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from raytrace_jax.tracer.shading.checker_texture import checker_fraction
 from raytrace_jax.tracer.shading.image_texture import environment_colors, image_colors
 from raytrace_jax.tracer.shading.image_texture import make_pyramid as pyramid_of
+from raytrace_jax.tracer.shading.textures import checker_fraction
 
 RANDOM = np.random.default_rng(0)
 WRAPS = ("clamp", "repeat", "black")

@@ -15,7 +15,7 @@ from raytrace_jax.tracer.run import Capacity
 
 
 @pytest.mark.fast_cases(1)
-@pytest.mark.parametrize(("edges", "name"), [("point", "trace_points"), ("aware", "trace_areas")])
+@pytest.mark.parametrize(("edges", "name"), [("point", "point_level"), ("aware", "area_level")])
 def test_a_level_is_traced_once_however_many_loops_and_derivatives_are_around_it(edges, name, monkeypatch):
     calls, usual = [], getattr(level, name)
 

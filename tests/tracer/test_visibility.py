@@ -6,11 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from awkward_physical import faults_of, in_both_modes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import AWKWARD, assignment_scene, awkward_scene, resolved
 
-from raytrace_jax import Renderer, RenderSettings, parse_scene, picture_derivatives, render, set_parameters
+from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, render, set_parameters
 from raytrace_jax.tracer.derivatives import finite_differences, relative_error
 from raytrace_jax.tracer.run import Capacity
 from raytrace_jax.tracer.visibility.coverage import cut_pixel
@@ -97,9 +98,6 @@ def test_no_pixel_stands_out_where_glass_begins_to_reflect_totally():
     assert np.abs(derivative - expected).max() < 1.5  # By the footprint's middle alone it is 29.
 
 
-SMALL = Renderer(resolved(size=(16, 12), edges="aware"), Capacity(16384, 192), "classic")
-
-
 @pytest.mark.slow
 def test_a_ball_scaled_as_seen_from_the_eye_keeps_its_outline():
     """Only its ambient light, which falls off with the distance, changes: the derivative there has no rim."""
@@ -118,31 +116,11 @@ def test_a_ball_scaled_as_seen_from_the_eye_keeps_its_outline():
     assert relative_error(found, expected) < 0.01
 
 
-@jax.jit
-def both_modes(scene, direction):
-    """A weighted sum over the picture, and its derivative along a direction in both modes."""
-    weight = jnp.sin(jnp.arange(3.0 * 12 * 16)).reshape(3, 12, 16)
-
-    def brightness(scene):
-        film = SMALL(scene)
-        return jnp.sum(weight * film.image), film.overflow
-
-    value, forward, overflow = jax.jvp(brightness, (scene,), (direction,), has_aux=True)
-    gradient, _ = jax.grad(brightness, has_aux=True)(scene)
-    products = jax.tree.map(lambda a, b: jnp.sum(a * b), gradient, direction)
-    sizes = jax.tree.map(lambda a, b: jnp.sum(jnp.abs(a * b)), gradient, direction)
-    return value, forward, sum(jax.tree.leaves(products)), sum(jax.tree.leaves(sizes)), overflow
+SMALL = in_both_modes(resolved(size=(16, 12), edges="aware"), Capacity(32768, 192))
 
 
 @pytest.mark.slow
 @settings(max_examples=30)
 @given(st.integers(0, 2**31), st.sampled_from(AWKWARD))
 def test_awkward_scenes_have_finite_derivatives_that_agree_in_both_modes(seed, what):
-    scene = awkward_scene(seed, what, (16, 12))
-    leaves, structure = jax.tree.flatten(scene)
-    random = np.random.default_rng(seed)
-    direction = jax.tree.unflatten(structure, [jnp.asarray(random.normal(size=leaf.shape)) for leaf in leaves])
-    value, forward, reverse, size, overflow = map(float, both_modes(scene, direction))
-    assert overflow == 0
-    assert np.isfinite([value, forward, reverse, size]).all()
-    assert reverse == pytest.approx(forward, rel=1e-6, abs=1e-6 * size)
+    assert faults_of(SMALL, awkward_scene(seed, what, (16, 12)), seed) == []

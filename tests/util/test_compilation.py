@@ -169,7 +169,7 @@ from command_line import run
 from compiles import counted_traces
 with counted_traces() as traces:
     code = run(*sys.argv[2:])
-heavy = {"differentiate_batches", "linearize", "trace_batches", "moved_scene"}
+heavy = {"differentiate_batches", "linearize", "color_batches", "moved_scene"}
 heavy |= {"moved_scenes", "values_and_slopes"}
 print(code, sorted(heavy & set(traces)))
 """

@@ -10,7 +10,7 @@ from fake_fit import VITREOUS
 from scenes import resolved
 
 from raytrace_jax import PictureError, fit, load_scene, make_renderer, picture_derivatives, render
-from raytrace_jax.tracer.rendering import BYTES_A_NUMBER, WORTH_A_LOOK, refuse_too_large
+from raytrace_jax.tracer.rendering import refuse_too_large
 from raytrace_jax.util import session
 
 LARGE = resolved(size=(32768, 32768))
@@ -61,7 +61,6 @@ def test_what_fits_is_not_refused(free):
     refuse_too_large(scene, LARGE)
     free.memory = lambda: pytest.fail("asked for a small picture")
     refuse_too_large(scene, resolved(size=(640, 480)))
-    assert WORTH_A_LOOK > 640 * 480 and 3 * BYTES_A_NUMBER * WORTH_A_LOOK < 1e9
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limits are Linux's")

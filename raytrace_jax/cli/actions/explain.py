@@ -72,7 +72,7 @@ def run_rays(command: Rays) -> int:
             f"{drawn} of {_count(len(tree.nodes))} are drawn, which count {least:g} or more; --least-drawn 0 draws all"
         )
     if tree.dropped:
-        beyond = f"beyond --max-bounces {settings.bounces}"
+        beyond = f"beyond --max-bounces {settings.max_bounces}"
         console.print(f"{_count(tree.dropped)} {beyond}, not traced and taken as black")
     return 0
 

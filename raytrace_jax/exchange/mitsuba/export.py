@@ -34,7 +34,7 @@ class Export:
     def plugins(self) -> list[Plugin]:
         """The plugins of the scene, in the order in which they are written."""
         scene, absorbs = self.scene, any(np.any(shape.material.absorption) for shape in self.glass)
-        depth: dict[str, Value] = {"max_depth": scene.settings.bounces + 1, "rr_depth": 1000}
+        depth: dict[str, Value] = {"max_depth": scene.settings.max_bounces + 1, "rr_depth": 1000}
         found = [Plugin("integrator", "volpath" if absorbs else "path", "", depth), self.sensor()]
         found += [self.background()] if scene.background else []
         for light in scene.lights:

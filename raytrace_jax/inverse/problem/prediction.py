@@ -33,7 +33,7 @@ class PredictedPicture(eqx.Module):
     """A picture near which the problem is made linear.
 
     Args:
-        sees_edge: the pixels of an edge-aware picture in which an edge is, as `Trace.sees_edge`; else None.
+        sees_edge: the pixels of an edge-aware picture in which an edge is, as `Outcome.sees_edge`; else None.
     """
 
     image: Float[Array, "3 height width"]

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.lens import undistorted_factor
 from raytrace_jax.scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Number, Rays, Scalars, Vectors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, normalize, per_ray
 
@@ -48,7 +48,7 @@ def perspective_direction(camera: PerspectiveCamera, u: Scalars, v: Scalars) -> 
     return forward + across * right + upwards * up
 
 
-def off_middle(camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
+def off_middle(camera: Camera) -> tuple[Number, Number]:
     """How far `center` is to the right of and below the picture's middle, in halves of its sides: there exactly 0."""
     width, height = camera.pixeldim
     return (2 * camera.center[0] + 1 - width) / width, (2 * camera.center[1] + 1 - height) / height
@@ -115,27 +115,20 @@ def rays_through(camera: Camera, settings: ResolvedSettings, u: Scalars, v: Scal
         settings: with `edges="aware"` each ray stands for the pixel around its point, or for one of its samples' part.
         step: how far `u` is from one pixel to the next to the right, and `v` to the next down.
     """
-    look, beam = functools.partial(ray, camera), None
+    through, beam = functools.partial(ray, camera), None
     if settings.edges != "aware":
-        o, direction = look(u, v)
+        o, direction = through(u, v)
         d = normalize(direction)
     else:
         one, sides = jnp.ones_like(u), jnp.diag(step)
-        turned = jax.vmap(lambda side: jax.jvp(look, (u, v), (side[0] * one, side[1] * one)), out_axes=(None, 0))
+        turned = jax.vmap(lambda side: jax.jvp(through, (u, v), (side[0] * one, side[1] * one)), out_axes=(None, 0))
         (o, direction), axes = turned(sides)
         d, (origins, turns) = normalize(direction), jax.tree.map(lambda x: x / settings.samples, axes)
         toward = turns / jnp.sqrt(dot(direction, direction))
         spread = toward - jnp.sum(toward * d, 1)[:, None] * d
         footprint = jax.lax.stop_gradient(Footprint(origins, spread))
-        nothing = jnp.full((2, *u.shape), NO_SHAPE, jnp.int32)
         none = jnp.zeros(u.shape, jnp.int32)
-        beam = Beam(footprint, nothing, none, none)
-    return Rays(
-        o=o,
-        d=d,
-        path_length=jnp.zeros_like(u),
-        origin_shape=jnp.full(u.shape, NO_SHAPE, jnp.int32),
-        inside=jnp.zeros(u.shape, bool),
-        edge_beam=beam,
-        path_throughput=jnp.ones_like(u) if settings.follows_weights else None,
-    )
+        beam = Beam(footprint, jnp.full((2, *u.shape), NO_SHAPE, jnp.int32), none, none)
+    nowhere, outside = jnp.full(u.shape, NO_SHAPE, jnp.int32), jnp.zeros(u.shape, bool)
+    throughput = jnp.ones_like(u) if settings.has_throughput else None
+    return Rays(o, d, jnp.zeros_like(u), nowhere, outside, beam, throughput)

@@ -1,7 +1,7 @@
 """Infinite planes, seen from both sides. In the course's models they end at the image plane (course model, 1.2)."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Planes
 from raytrace_jax.tracer.geometry import shapes
-from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Flags, Number, Rays, Scalars, Vector, Vectors
 from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
@@ -25,15 +25,11 @@ def coefficients(planes: Planes) -> dict[str, Array]:
     # matter of rounding and has no derivative.
     largest = jax.lax.stop_gradient(jnp.max(jnp.abs(planes.normal), axis=0))
     zeros = jnp.zeros_like(planes.normal[0])
-    return {
-        "position": planes.point,
-        "normal": normalize(planes.normal / largest),
-        "curvature": zeros,
-        "radius": zeros,
-    }
+    normal = normalize(planes.normal / largest)
+    return {"position": planes.point, "normal": normal, "curvature": zeros, "radius": zeros}
 
 
-def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""]) -> tuple[Array, Array]:
+def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> tuple[Array, Array]:
     """Distance to one flat surface, and whether that is a hit: not parallel, ahead, and not where the ray starts."""
     cos = dot_fixed(shape.normal, rays.d)
     height = dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o)
@@ -41,9 +37,7 @@ def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""]) -> 
     return t, (jnp.abs(cos) >= shapes.LEAST_COS) & (t > 0) & (t > least) & ~own
 
 
-def hit(
-    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
-) -> tuple[Array, Array]:
+def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
     """Distance along rays to one plane, and whether that is a hit."""
     t, hits = flat_hit(rays, shape, own, least)
     if settings.rules.planes_end_at_image_plane:
@@ -56,19 +50,16 @@ def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
     return -dot(shape.normal, rays.o - shape.position) / away_from_zero(dot(shape.normal, rays.d), shapes.LEAST_COS)
 
 
-def image_plane_cut(rays: Rays, shape: Shapes, t: Scalars, near: Approach) -> Edge:
-    """The edge where the course's planes end: they are not seen in front of the image plane, z > 0."""
-    footprint = rays.beam.footprint
-    fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
-    slope = -(footprint.o[:, 2] + fixed * footprint.d[:, 2] + near.slope * d_z)
-    return Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.fraction)
-
-
 def edges(
     rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
 ) -> tuple[Edge, ...]:
-    """No edge of its own, but for the course's planes the cut at the image plane."""
-    return (image_plane_cut(rays, shape, t, near),) if settings.rules.planes_end_at_image_plane else ()
+    """The edge where the course's planes end: they are not seen in front of the image plane, z > 0."""
+    if not settings.rules.planes_end_at_image_plane:
+        return ()
+    footprint = rays.beam.footprint
+    fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
+    slope = -(footprint.o[:, 2] + fixed * footprint.d[:, 2] + near.slope * d_z)
+    return (Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.fraction),)
 
 
 def see_flat(
@@ -77,7 +68,7 @@ def see_flat(
     shape: Shapes,
     own: Flags,
     may_pass: Flags,
-    least: Float[Array, ""],
+    least: Number,
     settings: ResolvedSettings,
 ) -> shapes.Sighting:
     """The meeting of each footprint with one flat shape that has these edges.
@@ -96,9 +87,9 @@ def see_flat(
 def flat_clearance(
     beyond: Callable[[Vectors, Shapes, ResolvedSettings], Scalars | None],
     o: Vectors,
-    light: Float[Array, "3"],
+    light: Vector,
     shape: Shapes,
-    unit: Float[Array, ""],
+    unit: Number,
     settings: ResolvedSettings,
 ) -> Scalars:
     """The height of `o` on the light's side of a flat surface; from behind, how far outside of it the way crosses it.
@@ -121,31 +112,41 @@ def before_image_plane(p: Vectors, shape: Shapes, settings: ResolvedSettings) ->
     return p[2] if settings.rules.planes_end_at_image_plane else None
 
 
-def section_line(
-    point: np.ndarray, normal: np.ndarray, drawing: CuttingPlane
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
-    """The line in which a drawing cuts a plane: its point nearest to the middle, and its direction."""
+def flat_section(
+    point: np.ndarray,
+    normal: np.ndarray,
+    drawing: CuttingPlane,
+    reach: float,
+    bounds: Iterable[tuple[np.ndarray, float]],
+) -> Float[np.ndarray, "points 2"]:
+    """The line in which a drawing cuts a flat surface, as far as each bound (a, limit) holds: a.p <= limit."""
     across = np.array([normal @ drawing.right, normal @ drawing.up])
     steep = np.linalg.norm(across)
     # A plane whose normal has no part in the drawing is the drawing's own plane or parallel to it.
     if steep < 1e-6:
-        return None
-    return across / steep**2 * ((point - drawing.center) @ normal), np.array([-across[1], across[0]]) / steep
+        return shapes.NO_POINTS
+    # The line's point nearest to the drawing's middle, and its direction, in the drawing and in space.
+    foot, along = across / steep**2 * ((point - drawing.center) @ normal), np.array([-across[1], across[0]]) / steep
+    start = drawing.center + foot[0] * drawing.right + foot[1] * drawing.up
+    step = along[0] * drawing.right + along[1] * drawing.up
+    high = reach + float(np.linalg.norm(foot))
+    low = -high
+    for direction, limit in bounds:
+        room, speed = limit - direction @ start, direction @ step
+        # A line that goes along a border to twelve digits never crosses it.
+        if abs(speed) < 1e-12 * np.linalg.norm(direction):
+            low, high = (low, high) if room >= 0 else (1.0, 0.0)
+        else:
+            low, high = (low, min(high, room / speed)) if speed > 0 else (max(low, room / speed), high)
+    # So many points that a line cut at the border of the drawing is right to a thousandth.
+    return foot + np.linspace(low, high, 2001)[:, None] * along if low < high else shapes.NO_POINTS
 
 
 def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
     """The line in which a drawing cuts one plane."""
-    line = section_line(np.asarray(shape.position), np.asarray(shape.normal), drawing)
-    if line is None:
-        return Section(shapes.NO_POINTS, False, shapes.NO_POINTS)
-    foot, along = line
-    reach = reach + float(np.linalg.norm(foot))
-    # So many points that the line's end at the image plane is right to a thousandth.
-    points = foot + np.linspace(-reach, reach, 2001)[:, None] * along
-    if settings.rules.planes_end_at_image_plane:
-        z = drawing.center[2] + points[:, 0] * drawing.right[2] + points[:, 1] * drawing.up[2]
-        points = points[z <= 0]
-    return Section(points, False, shapes.NO_POINTS)
+    ends = [(np.array([0.0, 0.0, 1.0]), 0.0)] if settings.rules.planes_end_at_image_plane else []
+    line = flat_section(np.asarray(shape.position), np.asarray(shape.normal), drawing, reach, ends)
+    return Section(line, False, shapes.NO_POINTS)
 
 
 def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]:

@@ -7,11 +7,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+Number = Float[Array, ""]
+Vector = Float[Array, "3"]
+"""One number, and one vector."""
+
 Scalars = Float[Array, " *rays"]
 Vectors = Float[Array, "3 *rays"]
 Flags = Bool[Array, " *rays"]
 Integers = Int[Array, " *rays"]
 """A number, a vector, a truth or a whole number for each ray, whatever axes the rays have."""
+
+Pairs = Float[Array, "2 *rays"]
+Axes = Float[Array, "2 3 *rays"]
+"""Two numbers for each ray, and the derivatives of a vector along a footprint's two axes."""
 
 NO_SHAPE = -1
 """The shape index of a ray that starts in free space, and of one that hits nothing."""
@@ -25,8 +33,8 @@ class Footprint(eqx.Module):
         d: derivatives of the direction with respect to these coordinates.
     """
 
-    o: Float[Array, "2 3 *rays"]
-    d: Float[Array, "2 3 *rays"]
+    o: Axes
+    d: Axes
 
 
 class Beam(eqx.Module):
@@ -53,9 +61,9 @@ class Rays(eqx.Module):
         path_length: length of the path from the viewpoint to the origin, world units.
         origin_shape: index of the shape on which the ray starts, or `NO_SHAPE`.
         inside: whether the ray leaves that shape's surface towards the side that its normal points away from.
-        edge_beam: for tracing that is aware of edges, else None.
-        path_throughput: about how much the ray's colour counts in its camera ray's; not differentiable. None where
-            nothing asks.
+        beam: a `Beam` for tracing that is aware of edges, else None.
+        throughput: about how much the ray's colour counts in its camera ray's, not differentiable; a number for each
+            ray, or None where nothing asks.
     """
 
     o: Vectors
@@ -63,20 +71,8 @@ class Rays(eqx.Module):
     path_length: Scalars
     origin_shape: Integers
     inside: Flags
-    edge_beam: Beam | None = None
-    path_throughput: Scalars | None = None
-
-    @property
-    def throughput(self) -> Scalars:
-        """How much the ray counts in its pixel, where that is asked."""
-        assert self.path_throughput is not None
-        return self.path_throughput
-
-    @property
-    def beam(self) -> Beam:
-        """The ray's beam, where tracing is aware of edges."""
-        assert self.edge_beam is not None
-        return self.edge_beam
+    beam: Any = None
+    throughput: Any = None
 
 
 class PackedRays(NamedTuple):
@@ -102,12 +98,11 @@ def packed(rays: Rays, number: Integers) -> PackedRays:
     """Rays, and how many are before each, as they wait."""
     moving = jnp.concatenate([rays.o, rays.d, rays.path_length[None]])
     fixed, counts = moving[:0], [rays.origin_shape, rays.inside.astype(jnp.int32)]
-    if rays.path_throughput is not None:
-        fixed = rays.path_throughput[None]
-    if rays.edge_beam is not None:
-        footprint = rays.edge_beam.footprint
-        fixed = jnp.concatenate([*footprint.o, *footprint.d, fixed])
-        counts += [*rays.edge_beam.passed, rays.edge_beam.depth, rays.edge_beam.subdivisions]
+    if rays.throughput is not None:
+        fixed = rays.throughput[None]
+    if rays.beam is not None:
+        fixed = jnp.concatenate([*rays.beam.footprint.o, *rays.beam.footprint.d, fixed])
+        counts += [*rays.beam.passed, rays.beam.depth, rays.beam.subdivisions]
     return PackedRays(moving, jax.lax.stop_gradient(fixed), jnp.stack([*counts, number]))
 
 
@@ -115,11 +110,11 @@ def unpacked(rays: PackedRays) -> Rays:
     """The rays that `packed` has packed."""
     moving, fixed, counts = rays
     o, d, path_length = moving[:3], moving[3:6], moving[6]
-    edge_beam = None
+    beam = None
     if len(counts) > 3:
         axes = fixed[:12].reshape(2, 2, 3, *path_length.shape)
-        edge_beam = Beam(Footprint(*axes), counts[2:4], counts[4], counts[5])
-    return Rays(o, d, path_length, counts[0], counts[1] == 1, edge_beam, fixed[-1] if len(fixed) else None)
+        beam = Beam(Footprint(*axes), counts[2:4], counts[4], counts[5])
+    return Rays(o, d, path_length, counts[0], counts[1] == 1, beam, fixed[-1] if len(fixed) else None)
 
 
 UNROLL = 12

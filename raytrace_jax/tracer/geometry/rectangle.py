@@ -9,24 +9,19 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Rectangles
 from raytrace_jax.tracer.geometry import shapes
-from raytrace_jax.tracer.geometry.plane import distance, flat_clearance, flat_hit, section_line, see_flat
-from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.plane import distance, flat_clearance, flat_hit, flat_section, see_flat
+from raytrace_jax.tracer.geometry.rays import Flags, Number, Rays, Scalars, Vectors
 from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import TINY, dot, normalize
+from raytrace_jax.util.numerics import dot, normalize
 
 
 def coefficients(rectangles: Rectangles) -> dict[str, Array]:
     """The fields of `Shapes`; the normal is that of a right-handed frame: right, up, towards the beholder."""
-    right, up = unit_sides(jnp.stack([rectangles.right, rectangles.up]))
-    zeros = jnp.zeros_like(right[0])
-    return {
-        "position": rectangles.center,
-        "normal": normalize(jnp.cross(right, up, axis=0)),
-        "curvature": zeros,
-        "radius": zeros,
-        "axes": jnp.stack([rectangles.right, rectangles.up]),
-    }
+    axes = jnp.stack([rectangles.right, rectangles.up])
+    right, up = unit_sides(axes)
+    normal, zeros = normalize(jnp.cross(right, up, axis=0)), jnp.zeros_like(right[0])
+    return {"position": rectangles.center, "normal": normal, "curvature": zeros, "radius": zeros, "axes": axes}
 
 
 def unit_sides(axes: Float[Array, "2 3 *shapes"]) -> list[Float[Array, "3 *shapes"]]:
@@ -50,9 +45,7 @@ def within_borders(p: Vectors, shape: Shapes) -> list[Scalars]:
     ]
 
 
-def hit(
-    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
-) -> tuple[Array, Array]:
+def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
     """Distance along rays to one rectangle, and whether that is a hit."""
     t, hits = flat_hit(rays, shape, own, least)
     along_right, along_up = within_borders(rays.o + jnp.where(hits, t, 0) * rays.d, shape)
@@ -89,25 +82,9 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     center, (right, up) = np.asarray(shape.position, np.float64), np.asarray(shape.axes, np.float64)
     corners = [center + u * right + v * up for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
     outline = np.array([drawing.project(corner) for corner in corners])
-    line = section_line(center, np.cross(right, up) / np.linalg.norm(np.cross(right, up)), drawing)
-    if line is None:
-        return Section(shapes.NO_POINTS, False, outline)
-    foot, along = line
-    # Along the line the place in the rectangle is linear: it is inside between two ends, of either axis.
-    start = drawing.center + foot[0] * drawing.right + foot[1] * drawing.up - center
-    step = along[0] * drawing.right + along[1] * drawing.up
-    low, high = -np.inf, np.inf
-    for axis in (right, up):
-        offset, speed = start @ axis / (axis @ axis), step @ axis / (axis @ axis)
-        # A line that goes along a side to twelve digits never crosses the borders beside it.
-        if abs(speed) < 1e-12 / max(np.linalg.norm(axis), TINY):
-            low, high = (low, high) if abs(offset) <= 1 else (1.0, 0.0)
-        else:
-            ends = sorted(((-1 - offset) / speed, (1 - offset) / speed))
-            low, high = max(low, ends[0]), min(high, ends[1])
-    if not low < high:
-        return Section(shapes.NO_POINTS, False, outline)
-    return Section(foot + np.linspace(low, high, 101)[:, None] * along, False, outline)
+    normal = np.cross(right, up) / np.linalg.norm(np.cross(right, up))
+    bounds = [(s * axis, s * axis @ center + axis @ axis) for axis in (right, up) for s in (-1, 1)]
+    return Section(flat_section(center, normal, drawing, np.inf, bounds), False, outline)
 
 
 def reach(shape: Shapes) -> Float[Array, " *shapes"]:

@@ -1,7 +1,4 @@
-"""The table of shape types, questions to shapes of any type, and the shapes of a scene laid out for tracing.
-
-Questions go to all shapes of a scene in turn, or to one of each ray's own, whose type answers.
-"""
+"""The table of shape types, questions to shapes of any type, and the shapes of a scene laid out for tracing."""
 
 import functools
 import operator

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Flags, Pairs, Rays, Scalars, Vectors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, with_lower_ranks
 
@@ -128,28 +128,13 @@ def _hit_distance_jvp(primals, tangents):
 
 hit_distance.defjvp(_hit_distance_jvp, symbolic_zeros=True)
 
-FADE_RADIUS = 1.0
-"""Silhouettes fade where a footprint is wider than this fraction of the sphere's radius: they are blurred no further.
-
-From 0.5 to 2 errors change by a twentieth, in small pictures by more (experiments/tuning)."""
-
 FADE_COS = 0.4
 """Edges fade where the cosine of incidence changes by more than this fraction of itself towards the footprint's sides.
 
 0.2 makes pictures of two scenes worse; 0.8 is a little worse on one and better on the other (experiments/tuning)."""
 
-LEAST_SHARE = 1e-3
-"""No edge fades to less than this fraction of the footprint, as distances are divided by it.
-
-Anything from 1e-4 to 1e-2 does the same (experiments/tuning)."""
-
 GRAZING = 1e-3
 """Footprints on a surface stop growing at this cosine of incidence. 1e-4 to 1e-2 do the same (experiments/tuning)."""
-
-WITHIN = 0.9995
-"""Edges farther from the centre than this fraction of the footprint's reach are left alone: almost nothing lies beyond.
-
-Anything from 0.995 to 0.99995 does the same (experiments/tuning)."""
 
 
 class Edge(eqx.Module):
@@ -163,7 +148,7 @@ class Edge(eqx.Module):
 
     exists: Flags
     value: Scalars
-    slope: Float[Array, "2 *rays"]
+    slope: Pairs
     fraction: Scalars
 
 
@@ -175,7 +160,7 @@ class Approach(eqx.Module):
         fraction: how much of the footprint that is about right for: the cosine of incidence changes little there.
     """
 
-    slope: Float[Array, "2 *rays"]
+    slope: Pairs
     fraction: Scalars
 
 
@@ -190,12 +175,13 @@ def approach(rays: Rays, shape: Shapes, t: Scalars, side: Scalars | None = None)
     change = jnp.sum(jnp.abs(jnp.sum(n * footprint.d, 1)), 0)
     if side is not None:
         change += shape.curvature * jnp.sqrt(jnp.sum(across * across, (0, 1)) + TINY_32)
-    return Approach(slope, jnp.clip(2 * FADE_COS * jnp.abs(cos) / (change + TINY_32), LEAST_SHARE, 1))
+    # Distances of edges are divided by the fraction, which therefore stays above 0.
+    return Approach(slope, jnp.clip(2 * FADE_COS * jnp.abs(cos) / (change + TINY_32), 1e-3, 1))
 
 
-def fraction_of_radius(slope: Float[Array, "2 *rays"], radius: Scalars) -> Scalars:
+def fraction_of_radius(slope: Pairs, radius: Scalars) -> Scalars:
     """The fraction of the footprint over which an event function changes by no more than a radius (or half a side)."""
-    return jnp.clip(FADE_RADIUS * radius / (jnp.sum(jnp.abs(slope), 0) + TINY_32), LEAST_SHARE, 1)
+    return jnp.clip(radius / (jnp.sum(jnp.abs(slope), 0) + TINY_32), 1e-3, 1)
 
 
 def extent(edge: Edge) -> Scalars:
@@ -204,8 +190,8 @@ def extent(edge: Edge) -> Scalars:
 
 
 def is_within(edge: Edge) -> Flags:
-    """Whether any part of the footprint that matters lies on the near side of the edge."""
-    return edge.value > -WITHIN * edge.fraction * extent(edge)
+    """Whether more of the footprint than a corner, in which almost nothing lies, is on the near side of the edge."""
+    return edge.value > -0.9995 * edge.fraction * extent(edge)
 
 
 class Sighting(NamedTuple):
@@ -259,24 +245,22 @@ class ShapeType(NamedTuple):
 
     Args:
         curved: closed and convex, with an outline where rays graze it; flat if not.
-        coefficients: from the scene's struct of such shapes the fields of `Shapes` of the same names; `axes` only where
-            the type has sides.
-        hit: distance along rays to one shape, and whether that is a hit: from rays, the shape, which rays start on it,
-            the least distance that counts, and settings. Not differentiable: `shapes.hit_distance` adds that.
-        distance: distance along rays that are known to meet their shapes, one shape a ray. The last argument tells
-            which of them see a curved shape from outside. Not differentiable.
-        see: how footprints meet one shape: from rays with footprints, the shape, which rays start on it, which of them
-            have a level for what is past an edge, the least distance, and settings.
-        edges: the shape's own edges, one shape a ray: from the rays, the shapes, which of them are of this type, which
-            are seen from outside, distances and how these change over the footprint, and settings.
-        clearance: how far the ways from points to a light stay clear of one shape, in units of length; negative where
-            it cuts them: from points, the light's place, the shape, the unit of length, and settings.
-        section: how a drawing shows one shape: from its numbers, the drawing's plane, how far the drawing reaches, and
-            settings.
+        coefficients: of the scene's struct of such shapes the fields of `Shapes`; `axes` only where the type has sides.
+        hit: distance to one shape, and whether that is a hit; of rays, shape, which rays start on it, the least
+            distance that counts, and settings. `hit_distance` makes it differentiable, as the next.
+        distance: distance along rays that are known to meet their shapes, one a ray; of rays, shapes, and which of them
+            are seen from outside.
+        see: how footprints meet one shape; of rays, shape, which rays start on it, which have a level for what is past
+            an edge, the least distance, and settings.
+        edges: the shapes' own edges, one shape a ray; of rays, shapes, which of these are of this type, which are seen
+            from outside, distances, how these change over the footprint, and settings.
+        clearance: how far the ways from points to a light stay clear of one shape, in world units, negative where it
+            cuts them; of points, the light's location, shape, unit of length, and settings.
+        section: one shape in a drawing; of shape, the drawing's plane, how far the drawing reaches, and settings.
         reach: how far shapes extend from their positions, in world units; None where they have no end.
         has_inside: there is glass behind its surface, wherever F is negative.
-        frame: the directions in which places on shapes are measured, "2 3 *shapes" of length one, and half their sizes
-            along these, "2 *shapes", infinite where they have no end: from shapes; None where textures have no mapping.
+        frame: the directions in which textures measure positions on shapes, of length one, and half the shapes' sizes
+            along these, infinite where they have no end; None where textures have no mapping.
     """
 
     curved: bool

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from raytrace_jax.scene.scene import Spheres
 from raytrace_jax.tracer.geometry import shapes
-from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Flags, Number, Rays, Scalars, Vector, Vectors
 from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, per_ray, safe_sqrt, vectors_to
@@ -48,28 +48,28 @@ def chord(rays: Rays, shape: Shapes) -> Chord:
 
 def coefficients(spheres: Spheres) -> dict[str, Array]:
     """The fields of `Shapes`."""
-    return {
-        "position": spheres.center,
-        "normal": jnp.zeros_like(spheres.center),
-        "curvature": 1 / spheres.radius,
-        "radius": spheres.radius,
-    }
+    center, radius = spheres.center, spheres.radius
+    return {"position": center, "normal": jnp.zeros_like(center), "curvature": 1 / radius, "radius": radius}
 
 
-def hit(
-    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
-) -> tuple[Array, Array]:
-    """Distance along rays to one sphere, and whether that is a hit.
+def meeting(
+    rays: Rays, passing: Chord, own: Flags, least: Number, settings: ResolvedSettings
+) -> tuple[Scalars, Flags, Flags]:
+    """Distance at which rays meet one sphere, whether they do, and whether the near end of the chord is no hit.
 
     A ray that starts on this sphere meets it again only if it runs inside, at the end of its chord.
     """
-    passing = chord(rays, shape)
     near, far = passing.along - passing.half, passing.along + passing.half
     hits = jnp.where(own, rays.inside, passing.discriminant > 0)
+    behind = near < least
     if not settings.second_root:
-        t = jnp.where(own, 2 * passing.along, near)
-        return t, hits & (t > least) & ~own
-    t = jnp.where(own, 2 * passing.along, jnp.where(near < least, far, near))
+        return near, hits & ~own, behind
+    return jnp.where(own, 2 * passing.along, jnp.where(behind, far, near)), hits, behind
+
+
+def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
+    """Distance along rays to one sphere, and whether that is a hit."""
+    t, hits, _ = meeting(rays, chord(rays, shape), own, least, settings)
     return t, hits & (t > least)
 
 
@@ -79,28 +79,22 @@ def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
     return jnp.where(outside, passing.along - passing.half, passing.along + passing.half)
 
 
-def silhouette(rays: Rays, passing: Chord, radius: Scalars, value: Scalars) -> Edge:
+def silhouette(rays: Rays, passing: Chord, radius: Scalars, value: Scalars, exists: Flags) -> Edge:
     """The silhouette of a sphere, given how the ray passes it and how far inside of the outline that is."""
     footprint = rays.beam.footprint
     slope = jnp.sum(passing.across * (footprint.o + passing.along * footprint.d), 1) * (-1 / radius)
     fraction = jax.lax.stop_gradient(shapes.fraction_of_radius(slope, radius))
-    return Edge(jnp.ones_like(value, bool), value, slope, fraction)
+    return Edge(exists, value, slope, fraction)
 
 
 def see(
-    rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Float[Array, ""], settings: ResolvedSettings
+    rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Number, settings: ResolvedSettings
 ) -> shapes.Sighting:
     """The meeting of each footprint with one sphere. Where its centre just misses the rim, a part of it still may."""
     passing = chord(rays, shape)
-    near, far = passing.along - passing.half, passing.along + passing.half
-    centered = jnp.where(own, rays.inside, passing.discriminant > 0)
-    outside = ~own & (near >= least)
-    if settings.second_root:
-        t = jnp.where(own, 2 * passing.along, jnp.where(outside, near, far))
-    else:
-        t, centered = near, centered & ~own
-    seen = centered & (t > least)
-    edge = silhouette(rays, passing, shape.radius, passing.discriminant / (2 * shape.radius))
+    t, centered, behind = meeting(rays, passing, own, least, settings)
+    seen, outside = centered & (t > least), ~(own | behind)
+    edge = silhouette(rays, passing, shape.radius, passing.discriminant / (2 * shape.radius), may_pass)
     grazes = may_pass & ~own & (passing.discriminant <= 0) & (passing.along > least) & shapes.is_within(edge)
     # Where the centre misses the rim, the first distance at which any part may meet it counts: half the longest chord
     # before the sphere's middle.
@@ -116,13 +110,10 @@ def edges(
     passing = chord(rays, shape)
     radius = jnp.where(mine, shape.radius, 1)
     value = (radius * radius - dot(passing.across, passing.across)) / (2 * radius)
-    edge = silhouette(rays, passing, radius, value)
-    return (Edge(outside, edge.value, edge.slope, edge.fraction),)
+    return (silhouette(rays, passing, radius, value, outside),)
 
 
-def clearance(
-    o: Vectors, light: Float[Array, "3"], shape: Shapes, unit: Float[Array, ""], settings: ResolvedSettings
-) -> Scalars:
+def clearance(o: Vectors, light: Vector, shape: Shapes, unit: Number, settings: ResolvedSettings) -> Scalars:
     """The distance of the way from `o` to a light from a sphere; for a light within it, how far `o` is inside."""
     toward, toward_center = vectors_to(light, o), vectors_to(shape.position, o)
     length_squared = dot(toward, toward)

@@ -28,11 +28,6 @@ class Packing(eqx.Module):
     candidate: Int[Array, " slots"]
     count: Int[Array, ""]
 
-    @property
-    def live(self) -> Bool[Array, " slots"]:
-        """The slots in use."""
-        return jnp.arange(self.candidate.shape[0], dtype=jnp.int32) < self.count
-
 
 def pack(wanted: Bool[Array, "kinds rays"], capacity: int) -> Packing:
     """Give the wanted candidates the slots 0, 1, 2, ... in order, as far as the capacity goes."""

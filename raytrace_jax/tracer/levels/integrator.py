@@ -8,21 +8,20 @@ afterwards, from the last chunk to the first, when those of a ray's children are
 
 import dataclasses
 import functools
-from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from raytrace_jax.scene.scene import Camera
+from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import PackedRays, Rays, packed, unpacked
+from raytrace_jax.tracer.geometry.rays import PackedRays, Vectors, packed, unpacked
 from raytrace_jax.tracer.levels.compaction import gather, pack_rays
-from raytrace_jax.tracer.levels.level import Level, Scattering, trace_level
+from raytrace_jax.tracer.levels.level import MODELS, Scattering, trace_level
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.materials import LINE_CHANNEL
-from raytrace_jax.tracer.shading.models import MODELS
-from raytrace_jax.tracer.world import World
+from raytrace_jax.tracer.world import LINE_CHANNEL, World
 from raytrace_jax.util.numerics import materialize, select
 
 
@@ -43,18 +42,9 @@ class RayRecord(eqx.Module):
     si: Hits | None = None
     wanted: Bool[Array, "kinds rays"] | None = None
 
-    @classmethod
-    def of(cls, level: Level, depth: Array, children: Int[Array, "kinds rays"], with_hits: bool = False) -> "RayRecord":
-        """The records of the rays of a level."""
-        valid = level.si.valid
-        wanted = [wanted for wanted, _ in level.children]
-        asked = (level.si, jnp.stack(wanted) if wanted else None) if with_hits else (None, None)
-        found = level.scattering, valid, depth, children, *asked
-        return cls(*jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], valid.size)), found))
-
 
 class ChildResult(eqx.Module):
-    """Results that rays bring back to those that sent them; the fields mean what they do in `Trace`."""
+    """Radiance returned to the parent ray, with what else the parent is told; fields as in `Outcome`."""
 
     color: Float[Array, "3 places"]
     sees_edge: Bool[Array, " places"] | None
@@ -64,14 +54,13 @@ class ChildResult(eqx.Module):
 def combine(settings: ResolvedSettings, results: ChildResult, rays: RayRecord) -> ChildResult:
     """The results of rays from their own scattering and the results of all later ones."""
     own = rays.scattering
-    black = jnp.zeros_like(own.background)
-    brought = [gather(results.color, place) for place in rays.children] or [black, black]
     color = own.background
+    from_children = [gather(results.color, place) for place in rays.children]
     if own.surface is not None:
-        color = jnp.where(rays.valid, MODELS[settings.model].combine(own.surface, *brought[:2]), color)
+        color = jnp.where(rays.valid, MODELS[settings.model].combine(own.surface, *from_children[:2]), color)
     # What is seen past an edge counts for the rest of the footprint.
     if own.coverage is not None and own.subdivided is not None:
-        reflected, transmitted, past = brought
+        reflected, transmitted, past = from_children
         color = past + own.coverage * (color - past)
         color = jnp.where(own.subdivided, (reflected + transmitted + past) / 3, color)
 
@@ -88,7 +77,7 @@ def combine(settings: ResolvedSettings, results: ChildResult, rays: RayRecord) -
     return ChildResult(color, sees_edge, bounces)
 
 
-class Trace(eqx.Module):
+class Outcome(eqx.Module):
     """The outcome of each camera ray.
 
     Args:
@@ -98,7 +87,7 @@ class Trace(eqx.Module):
         bounce_count: the largest number of bounces after which a ray of the pixel's tree still hit something.
     """
 
-    color: Float[Array, "3 rays"]
+    color: Vectors
     wanted: Int[Array, ""]
     sees_edge: Bool[Array, " rays"] | None = None
     first: Hits | None = None
@@ -137,8 +126,9 @@ def chunk_of(places: int) -> int:
 
 def trace_queue(
     world: World,
-    rays_through: Callable[[Float[Array, "2 rays"]], Rays],
+    camera: Camera,
     points: Float[Array, "2 places"],
+    step: Float[Array, "2"],
     count: Int[Array, ""] | int,
     settings: ResolvedSettings,
     *,
@@ -148,8 +138,7 @@ def trace_queue(
     """Trace camera rays and everything that they send on.
 
     Args:
-        rays_through: the camera's rays through points of the picture.
-        points: where the pixels look.
+        points: where the pixels look, as `rays_through` has it, and `step`.
         count: how many of them are to be traced, the first ones; what is said of the others has no meaning.
         reversible: whether the loop has a fixed number of turns, as reverse mode wants; else it ends with the rays.
 
@@ -165,24 +154,28 @@ def trace_queue(
         return jax.tree.map(lambda x, y: jax.lax.dynamic_update_slice_in_dim(x, y, place, -1), all_, new)
 
     def camera_rays(first) -> PackedRays:
-        return packed(rays_through(read(points, first)), jnp.zeros(chunk, jnp.int32))
+        u, v = read(points, first)
+        return packed(rays_through(camera, settings, u, v, step), jnp.zeros(chunk, jnp.int32))
 
-    def trace_chunk(head, tail, some: PackedRays) -> tuple[RayRecord, PackedRays, Array]:
-        """Trace one chunk: its records, the rays that it sends on, and how many these are."""
+    def scatter_chunk(head, tail, some: PackedRays) -> tuple[RayRecord, PackedRays, Array]:
+        """Intersect and shade one chunk: its records, the rays that it sends on, and how many these are."""
         live = head + jnp.arange(chunk, dtype=jnp.int32) < jnp.minimum(tail, size)
         # Stored at a place of their own: kernels that read from the middle of a queue are several times as slow.
         some = materialize(some, live)
         rays, number = unpacked(some), some.number
         level = materialize(trace_level(world, rays, live, number, settings), live)
         kinds = [(wanted & live & (number < settings.levels), child) for wanted, child in level.children]
-        depth = number if rays.edge_beam is None else rays.beam.depth
+        depth = number if rays.beam is None else rays.beam.depth
         places, children, total = jnp.zeros((0, chunk), jnp.int32), some, jnp.zeros_like(tail)
         if kinds:
             children, packing = pack_rays(kinds, number + 1)
             # A child that finds no place is black, as the place after the last one is.
             places = jnp.minimum(jnp.where(packing.slot < packing.candidate.size, tail + packing.slot, size), size)
             total = packing.count
-        return RayRecord.of(level, depth, places, with_hits), children, total
+        si = level.si if with_hits else None
+        all_wanted = jnp.stack([wanted for wanted, _ in level.children]) if with_hits and kinds else None
+        record = RayRecord(level.scattering, level.si.valid, depth, places, si, all_wanted)
+        return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], chunk)), record), children, total
 
     def only_if(condition, function, *given):
         """What the function gives, or zeros without asking it; in reverse mode it is computed anew."""
@@ -199,12 +192,12 @@ def trace_queue(
             queue, rays=write(queue.rays, first, end), starts=starts, sent=sent + new, tail=queue.tail + new
         )
 
-    def trace_next(queue: Queue) -> Queue:
-        """Trace the next chunk, and put the rays that it sends on at the end of the queue."""
+    def take_turn(queue: Queue) -> Queue:
+        """Scatter the next chunk, and put the rays that it sends on at the end of the queue."""
         turn, tail, head, end = queue.turn, queue.tail, queue.heads[queue.turn], jnp.minimum(queue.tail, size)
         # A turn after the last ray costs nothing: in reverse mode there are as many turns as a full queue needs.
         given = head, tail, read(queue.rays, head)
-        traced, children, total = only_if(head < end, trace_chunk, *given) if reversible else trace_chunk(*given)
+        traced, children, total = only_if(head < end, scatter_chunk, *given) if reversible else scatter_chunk(*given)
         # Where rays are fewer than a chunk, those that they send on are the next one.
         heads = queue.heads.at[turn + 1].set(jnp.minimum(head + chunk, end))
         waiting, records = write(queue.rays, children, end), write(queue.traced, traced, head)
@@ -220,22 +213,22 @@ def trace_queue(
     room, turns = size + 3 * chunk, size // chunk + settings.levels + 2
     start = jnp.zeros((), jnp.int32)
     first = jax.eval_shape(camera_rays, start)
-    one = jax.eval_shape(trace_chunk, start, start, first)[0]
+    one = jax.eval_shape(scatter_chunk, start, start, first)[0]
     waiting, nothing = jax.tree.map(lambda x: jnp.zeros((*x.shape[:-1], room), x.dtype), (first, one))
     heads, starts = jnp.zeros(turns + 1, jnp.int32), jnp.zeros(points.shape[1] // chunk, jnp.int32)
     queue = Queue(start, heads, starts, start, start, waiting, nothing)
     if reversible:
 
-        def step(queue: Queue, _) -> tuple[Queue, None]:
-            return trace_next(refill(queue, has_more(queue) & (waits(queue) < chunk))), None
+        def next_turn(queue: Queue, _) -> tuple[Queue, None]:
+            return take_turn(refill(queue, has_more(queue) & (waits(queue) < chunk))), None
 
-        queue, _ = jax.lax.scan(step, queue, length=turns)
+        queue, _ = jax.lax.scan(next_turn, queue, length=turns)
     else:
         # Camera rays come in where fewer rays wait than a chunk: only the last chunks of all are not full.
         def go_on(queue: Queue) -> Bool[Array, ""]:
             return waits(queue) >= jnp.where(has_more(queue), chunk, 1)
 
-        queue = jax.lax.while_loop(has_more, lambda q: jax.lax.while_loop(go_on, trace_next, refill(q)), queue)
+        queue = jax.lax.while_loop(has_more, lambda q: jax.lax.while_loop(go_on, take_turn, refill(q)), queue)
 
     # Up: each ray blends what its children bring back. Places that are not traced stay black.
     def blend(turn, results):
@@ -256,36 +249,41 @@ def trace_queue(
     return queue, results
 
 
-def trace(world: World, rays_through, points: Float[Array, "2 places"], count, settings, **options: bool) -> Trace:
-    """The outcome of each camera ray, by `trace_queue`."""
-    queue, results = trace_queue(world, rays_through, points, count, settings, **options)
+def trace(
+    world: World,
+    camera: Camera,
+    points: Float[Array, "2 places"],
+    step: Float[Array, "2"],
+    count: Int[Array, ""] | int,
+    settings: ResolvedSettings,
+    **options: bool,
+) -> Outcome:
+    """The outcome of each camera ray, by `trace_queue`; its arguments.
+
+    Where glass has dispersion one channel is traced after the other, which takes three times as long. What is not a
+    colour then comes from the green channel; only of rays and edges what any channel wants or sees counts.
+    """
     chunk = chunk_of(points.shape[1])
 
-    def camera_s(x):
-        each = jax.lax.map(lambda start: jax.lax.dynamic_slice_in_dim(x, start, chunk, -1), queue.starts)
-        return jnp.moveaxis(each, 0, -2).reshape(*x.shape[:-1], -1)
+    def outcome(world: World) -> Outcome:
+        queue, results = trace_queue(world, camera, points, step, count, settings, **options)
 
-    found, si = jax.tree.map(camera_s, (results, queue.traced.si))
-    # Camera rays that did not come in found no room.
-    return Trace(found.color, queue.tail + count - queue.sent, found.sees_edge, si, found.bounce_count)
+        def camera_s(x):
+            each = jax.lax.map(lambda start: jax.lax.dynamic_slice_in_dim(x, start, chunk, -1), queue.starts)
+            return jnp.moveaxis(each, 0, -2).reshape(*x.shape[:-1], -1)
 
+        found, si = jax.tree.map(camera_s, (results, queue.traced.si))
+        # Camera rays that did not come in found no room.
+        return Outcome(found.color, queue.tail + count - queue.sent, found.sees_edge, si, found.bounce_count)
 
-def trace_channels(
-    world: World, rays_through, points: Float[Array, "2 places"], count, settings: ResolvedSettings, **options: bool
-) -> Trace:
-    """`trace`, and where glass has dispersion one channel after the other, which takes three times as long.
-
-    What is not a colour comes from the green channel. Only of rays and edges what any channel wants or sees counts.
-    """
     if world.channel_ior is None:
-        return trace(world, rays_through, points, count, settings, **options)
+        return outcome(world)
 
-    def trace_one(ior):
-        one = eqx.tree_at(lambda w: w.materials.ior, world, ior)
-        return trace(one, rays_through, points, count, settings, **options)
+    def of_channel(ior):
+        return outcome(eqx.tree_at(lambda w: w.materials.ior, world, ior))
 
-    each = jax.lax.map(jax.checkpoint(trace_one, prevent_cse=False), world.channel_ior)
+    each = jax.lax.map(jax.checkpoint(of_channel, prevent_cse=False), world.channel_ior)
     color = jnp.stack([each.color[channel, channel] for channel in range(3)])
     first, bounce_count = jax.tree.map(lambda x: x[LINE_CHANNEL], (each.first, each.bounce_count))
     wanted, sees_edge = jax.tree.map(lambda x: jnp.max(x, axis=0), (each.wanted, each.sees_edge))
-    return Trace(color, wanted, sees_edge, first, bounce_count)
+    return Outcome(color, wanted, sees_edge, first, bounce_count)

@@ -5,25 +5,22 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.optics import reflect, refract
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.geometry.intersection import Hits, intersect
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, take
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Flags, Footprint, Integers, Rays, Scalars, take
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.model import Children, materials_at
-from raytrace_jax.tracer.shading.models import MODELS
-from raytrace_jax.tracer.visibility.footprints import (
-    bounded,
-    light_nodes,
-    spread_squared,
-    subdivide,
-    transport,
-    wants_subdivision,
-)
+from raytrace_jax.tracer.shading import additive, classic, physical
+from raytrace_jax.tracer.shading.model import Children, Model, materials_at
+from raytrace_jax.tracer.visibility import footprints
 from raytrace_jax.tracer.visibility.look import look
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, materialize, renormalize, select
+
+MODELS: dict[ModelName, Model] = {"classic": classic.MODEL, "additive": additive.MODEL, "physical": physical.MODEL}
+"""The models, by the names of `RenderSettings.model`: a new one is a file in `shading` and an entry here."""
 
 
 class Scattering(eqx.Module):
@@ -39,9 +36,9 @@ class Scattering(eqx.Module):
 
     surface: eqx.Module | None
     background: Float[Array, "3 *#rays"]
-    coverage: Float[Array, " rays"] | None = None
-    subdivided: Bool[Array, " rays"] | None = None
-    sees_edge: Bool[Array, " rays"] | None = None
+    coverage: Scalars | None = None
+    subdivided: Flags | None = None
+    sees_edge: Flags | None = None
 
 
 class Level(eqx.Module):
@@ -54,13 +51,11 @@ class Level(eqx.Module):
 
     si: Hits
     scattering: Scattering
-    children: list[tuple[Bool[Array, " rays"], Rays]]
+    children: list[tuple[Flags, Rays]]
 
 
 @functools.partial(jax.jit, static_argnames="settings")
-def trace_level(
-    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, " rays"], settings: ResolvedSettings
-) -> Level:
+def trace_level(world: World, rays: Rays, live: Flags, number: Integers, settings: ResolvedSettings) -> Level:
     """Intersect and shade rays; `number` counts those before each of them, from 0 for camera rays.
 
     It is jitted within the programs that call it. Each rule of a loop, a condition and a derivative around it would
@@ -70,38 +65,35 @@ def trace_level(
         si = intersect(world.shapes, rays, live, world.unit, settings)
         return Level(si, Scattering(None, MODELS[settings.model].background(world, rays)), [])
     if settings.edges != "aware":
-        return trace_points(world, rays, live, settings)
-    return trace_areas(world, rays, live, number, settings)
+        return point_level(world, rays, live, settings)
+    return area_level(world, rays, live, number, settings)
 
 
-def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings: ResolvedSettings) -> Level:
+def point_level(world: World, rays: Rays, live: Flags, settings: ResolvedSettings) -> Level:
     """A level of rays that are points of the picture."""
     model = MODELS[settings.model]
     si = intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
     media = model.media(world, si, dot(rays.d, si.n) < 0, settings)
     surface, children = model.shade(si, rays, world, media, materials_at(world, si), settings)
     throughput = None
-    if rays.path_throughput is not None:
+    if rays.throughput is not None:
         throughput = rays.throughput * jax.lax.stop_gradient(jnp.stack(model.child_weights(surface)))
     scattering = Scattering(surface, model.background(world, rays))
     return Level(si, scattering, scattered_rays(si, children, throughput, None, settings))
 
 
-def trace_areas(
-    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, " rays"], settings: ResolvedSettings
-) -> Level:
+def area_level(world: World, rays: Rays, live: Flags, number: Integers, settings: ResolvedSettings) -> Level:
     """A level of rays that stand for areas: what each footprint sees first, and how its parts go on."""
     # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
-    bounces_left = settings.bounces - rays.beam.depth
-    has_levels = settings.levels - number > bounces_left
+    has_levels = settings.levels - number > settings.max_bounces - rays.beam.depth
     view = look(world.shapes, rays, live, has_levels, world.unit, settings)
     surface, children, spread = scatter_areas(world, view.rays, view.si, view.coverage, settings)
-    subdivided, second = wants_subdivision(rays, spread, has_levels & live, settings)
+    subdivided, second = footprints.wants_subdivision(rays, spread, has_levels & live, settings)
 
     children = [*children, (view.passes, view.past)]
     children = [
         (wanted | subdivided, select(subdivided, part, child))
-        for (wanted, child), part in zip(children, subdivide(rays, second), strict=True)
+        for (wanted, child), part in zip(children, footprints.subdivide(rays, second), strict=True)
     ]
     background = MODELS[settings.model].background(world, view.rays)
     scattering = Scattering(surface, background, view.coverage, subdivided, view.passes | subdivided)
@@ -109,9 +101,9 @@ def trace_areas(
 
 
 def scatter_areas(
-    world: World, rays: Rays, si: Hits, coverage: Float[Array, " rays"], settings: ResolvedSettings
-) -> tuple[eqx.Module, list[tuple[Bool[Array, " rays"], Rays]], Float[Array, "2 rays"]]:
-    """Light footprints and send them on from where they hit.
+    world: World, rays: Rays, si: Hits, coverage: Scalars, settings: ResolvedSettings
+) -> tuple[eqx.Module, list[tuple[Flags, Rays]], Float[Array, "2 rays"]]:
+    """Shade footprints and send them on from where they hit.
 
     Args:
         coverage: fraction of the footprint they came with that this one is.
@@ -126,21 +118,25 @@ def scatter_areas(
     # How the footprint goes on from the surface, by the index of refraction at its middle.
     media = model.media(world, si, dot(rays.d, si.n) < 0, settings)
     eta = jax.lax.stop_gradient(media.eta)
-    p_axes, reflected, transmitted = transport(rays, si, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0]))
-    nodes = materialize(light_nodes(rays, si, shape, p_axes), si.valid)
+    p_axes, reflected, transmitted = footprints.transport(
+        rays, si, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0])
+    )
+    nodes = materialize(footprints.light_nodes(rays, si, shape, p_axes), si.valid)
     surface, children = model.shade(si, rays, world, media, materials_at(world, si, p_axes), settings, nodes)
 
     # Which rays are wanted, how much they count, and whose footprint spreads too widely for that.
     beam = rays.beam
-    wanted = jnp.stack([children.reflect, children.transmit]) & (beam.depth < settings.bounces)
+    wanted = jnp.stack([children.reflect, children.transmit]) & (beam.depth < settings.max_bounces)
     children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
     weights = jax.lax.stop_gradient(coverage * jnp.stack(model.child_weights(surface)))
     throughput = jnp.where(wanted, rays.throughput * weights, 0)
-    spread = throughput[0] * spread_squared(reflected) + throughput[1] * spread_squared(transmitted)
+    spread = throughput[0] * footprints.spread_squared(reflected) + throughput[1] * footprints.spread_squared(
+        transmitted
+    )
 
     nothing = jnp.full_like(beam.passed, NO_SHAPE)
-    footprints = [bounded(Footprint(p_axes, d), world.unit) for d in (reflected, transmitted)]
-    beams = [Beam(footprint, nothing, beam.depth + 1, beam.subdivisions) for footprint in footprints]
+    parts = [footprints.bounded(Footprint(p_axes, d), world.unit) for d in (reflected, transmitted)]
+    beams = [Beam(part, nothing, beam.depth + 1, beam.subdivisions) for part in parts]
     return surface, scattered_rays(si, children, throughput, beams, settings), spread
 
 
@@ -150,12 +146,12 @@ def scattered_rays(
     throughput: Float[Array, "2 rays"] | None,
     beams: list[Beam] | None,
     settings: ResolvedSettings,
-) -> list[tuple[Bool[Array, " rays"], Rays]]:
+) -> list[tuple[Flags, Rays]]:
     """The reflected and the transmitted rays of all hits, with those that are wanted and count enough."""
     # A reflected ray stays on the side that it came from, a transmitted one changes sides.
     wanted = jnp.stack([c.reflect, c.transmit])
-    if throughput is not None and settings.weight_limit > 0:
-        wanted = wanted & (throughput >= settings.weight_limit)
+    if throughput is not None and settings.least_weight > 0:
+        wanted = wanted & (throughput >= settings.least_weight)
     p, shape = si.p, si.shape if c.off is None else jnp.full_like(si.shape, NO_SHAPE)
     near, far = (p, p) if c.off is None else (p + c.off, p - c.off)
     found = []

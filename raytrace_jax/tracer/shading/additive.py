@@ -1,8 +1,8 @@
 """Course model B, of the report on checkpoints 4 to 6: 1/r^2 lights with shadows, mirror, Fresnel, transmission.
 
 All parts are added: no surface scales down what it shows of its own, and nothing is clamped. A hit's normal is turned
-to face the ray; where it had to be turned the ray is inside. Rays that a hit sends on start `OFFSET` off its
-surface, as the report has it, so that they do not meet it again.
+to face the ray; where it had to be turned the ray is inside. Rays that a hit sends on start off its surface
+(`off_surface`), so that they do not meet it again.
 """
 
 import functools
@@ -24,9 +24,6 @@ from raytrace_jax.tracer.shading.model import Children, Media, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_fractions, total_fraction
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, per_ray, safe_normalize
-
-OFFSET = 1e-3
-"""The distance off a surface at which its rays start, in units of length (`World.unit`): the report's number."""
 
 
 class Surface(eqx.Module):
@@ -68,13 +65,24 @@ def shade(
     transmits = hits.valid & (m.transmission > 0) & (open_fraction > 0)
 
     surface = Surface(local, jnp.where(reflects, mirror, 0), through)
-    return surface, Children(reflects, transmits, reflect(d, n), transmitted, entering, off=OFFSET * world.unit * n)
+    return surface, Children(reflects, transmits, reflect(d, n), transmitted, entering, off=off_surface(n, world))
+
+
+def off_surface(n: Vectors, world: World) -> Vectors:
+    """The way off a surface by which rays start: the report's thousandth of a unit of length."""
+    return 1e-3 * world.unit * n
 
 
 def local_light(hits: Hits, nodes: Nodes, entering: Flags, m: Any, world: World, settings: ResolvedSettings) -> Vectors:
-    """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes."""
+    """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes.
+
+        sum_k e_k (diffuse max(n.l_k, 0) + specular (n.h_k)^hardness) / r_k^2,    h_k = (l_k - d) / |l_k - d|
+
+    with `e_k` the light's emissivity and energy, `l_k` the direction to it, at distance `r_k`. (Blinn 1977, "Models of
+    light reflection for computer synthesized pictures".)
+    """
     p, n, d = nodes.p, facing(nodes.n, entering), nodes.d
-    origins = p + OFFSET * world.unit * n
+    origins = p + off_surface(n, world)
 
     def one_light(light: LightSample) -> tuple[Vectors, Vectors, Array]:
         cos, above = dot(n, light.direction), positive_fractions(dot(n, light.direction))

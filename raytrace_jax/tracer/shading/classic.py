@@ -1,7 +1,6 @@
 """Course model A: clamped 1/r lights without shadows, mirror, alpha-blended transmission, Schlick on request.
 
-The model clamps colours at every surface, so that what a path contributes is not a product of factors: a surface
-first says which rays it needs (`shade`), and blends their colours when these have come back (`combine`).
+The model clamps colours at every surface, so that what a path contributes is no product of factors.
 """
 
 import functools
@@ -10,7 +9,6 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.optics import AIR_IOR, reflect, refract
 from raytrace_jax.optics.fresnel import schlick_share
@@ -32,8 +30,7 @@ class Surface(eqx.Module):
         local: ambient and diffuse light, clamped.
         highlight: specular light of the point lights, summed.
         diffuse: scales `local` once more where there is a mirror ray.
-        mirror: weight of the reflected ray in the specular step.
-        alpha: weight of what shines through.
+        mirror, alpha: weights of the reflected ray in the specular step, and of what shines through.
         reflectance: fraction of the reflected ray in what shines through; one under total internal reflection.
         shiny: the mirror step applies.
     """
@@ -92,16 +89,8 @@ def shade(
         wants_reflected = shiny | (reflectance > 0)
         wants_transmitted = transparent & (reflectance < 1)
 
-    # What is blended once the children's colours are known.
-    surface = Surface(
-        local=local,
-        highlight=specular_light * m.specular,
-        diffuse=m.diffuse,
-        mirror=m.specular,
-        alpha=jnp.where(transparent, m.alpha, 0),
-        reflectance=reflectance,
-        shiny=shiny,
-    )
+    alpha = jnp.where(transparent, m.alpha, 0)
+    surface = Surface(local, specular_light * m.specular, m.diffuse, m.specular, alpha, reflectance, shiny)
     return surface, Children(wants_reflected, wants_transmitted, reflect(d, n), transmitted, entering)
 
 
@@ -134,16 +123,11 @@ def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
 MODEL = Model(shade, combine, child_weights, attrgetter("alpha"), media_at, black)
 
 
-def light_sums(
-    nodes: Nodes, valid: Bool[Array, " rays"], lights: PointLights
-) -> tuple[Float[Array, "3 rays"], Float[Array, "3 rays"]]:
+def light_sums(nodes: Nodes, valid: Flags, lights: PointLights) -> tuple[Vectors, Vectors]:
     """Light that reaches each hit, weighted for the diffuse and for the specular colour: the mean over the nodes.
 
     The specular weight is `(R.V)^32`, an even power of a cosine that nothing keeps positive: the far side of the
     reflection lights up as well. That is the course's model.
-
-    Returns:
-        The sums with the diffuse weight and with the specular one.
     """
     view_cos = dot(nodes.d, nodes.n)
 

@@ -1,7 +1,5 @@
 """Light on a surface: every light as points ask it, and the fraction of it that reaches a hit past the shapes between.
 
-A new type of light has its samples in a function of its own, which `over_lights` goes through too.
-
 Each shape has a *clearance*, a smooth function of the point that is lit: positive where the shape does not cut the way
 to the light, zero on the edge of its shadow. A single point is lit or not; of a footprint
 `quadrature.positive_fractions` makes of the clearances at its four nodes the fraction that is lit, and with it the
@@ -14,10 +12,10 @@ from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import PointLights
-from raytrace_jax.tracer.geometry.rays import Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Flags, Integers, Number, Scalars, Vector, Vectors
 from raytrace_jax.tracer.geometry.shape_types import fold_shapes
 from raytrace_jax.tracer.geometry.shapes import ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -39,9 +37,9 @@ class LightSample(NamedTuple):
 
     toward: Vectors
     squared_distance: Scalars
-    location: Float[Array, "3"]
-    emissivity: Float[Array, "3"]
-    energy: Float[Array, ""]
+    location: Vector
+    emissivity: Vector
+    energy: Number
 
     @property
     def direction(self) -> Vectors:
@@ -55,12 +53,9 @@ class LightSample(NamedTuple):
 
 
 def over_lights(answer: Callable[[LightSample], T], lights: PointLights, p: Vectors) -> T:
-    """The answers of all lights as seen from points `p`, the lights on the first axis.
+    """The answers of all lights as seen from points `p`, the lights on the first axis."""
 
-    Whether anything is in between is the models' to ask (`light_fractions`).
-    """
-
-    def one(location: Float[Array, "3"], emissivity: Float[Array, "3"], energy: Float[Array, ""]) -> T:
+    def one(location: Vector, emissivity: Vector, energy: Number) -> T:
         toward = vectors_to(location, p)
         squared = dot(toward, toward)
         return answer(LightSample(toward, jnp.where(squared > 0, squared, 1), location, emissivity, energy))
@@ -70,9 +65,9 @@ def over_lights(answer: Callable[[LightSample], T], lights: PointLights, p: Vect
 
 def light_fractions(
     origins: Float[Array, "3 *nodes rays"],
-    own: Int[Array, " rays"],
-    light: Float[Array, "3"],
-    facing: Bool[Array, " rays"],
+    own: Integers,
+    light: Vector,
+    facing: Flags,
     world: World,
     settings: ResolvedSettings,
     clear: Float[Array, " shapes"] | None = None,
@@ -83,7 +78,7 @@ def light_fractions(
         origins: where the nodes' shadow rays start, a little off the surface.
         own: index of the shape on which they lie.
         facing: whether a hit is on the side that its shape's normal points to. From there the shape's own shadow is
-            where the light stands below the surface, which the caller knows; it is not told again.
+            where the light stands below the surface: the caller takes care of that.
         clear: for each shape which fraction of the light it lets through; None where none of them lets any.
     """
     shapes = world.shapes
@@ -92,11 +87,11 @@ def light_fractions(
         shape = jax.tree.map(lambda values: values[..., index], shapes)
         clearance = shape_type.clearance(origins, light, shape, world.unit, settings) / world.unit
         # A flat shape never stands in the way of its own points.
-        told = (own == index) & (facing if shape_type.curved else True)
-        told = told if shape.hidden is None else told | shape.hidden
+        ignored = (own == index) & (facing if shape_type.curved else True)
+        ignored = ignored if shape.hidden is None else ignored | shape.hidden
         fraction = positive_fractions(clearance)
         if clear is not None:
             fraction += clear[index] * (1 - fraction)
-        return jnp.where(told, 1, fraction)
+        return jnp.where(ignored, 1, fraction)
 
     return fold_shapes(shapes.types, ask, operator.mul, jnp.ones_like(origins[0]))

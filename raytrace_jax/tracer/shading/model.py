@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import Flags, Integers, Rays, Scalars, Vectors, take
+from raytrace_jax.tracer.geometry.rays import Axes, Flags, Integers, Rays, Scalars, Vectors, take
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.textures import texture_colors
 from raytrace_jax.tracer.world import World
@@ -17,8 +17,9 @@ from raytrace_jax.tracer.world import World
 class Children(eqx.Module):
     """The rays that a hit sends on: the directions of a reflected and a transmitted one, and which of them are wanted.
 
-    `entering` says whether it was hit on the side that its normal points to. `off` is the way to the side that the ray
-    came from by which they start off the surface, and know no shape as their origin; None if they start on it.
+    Args:
+        entering: whether it was hit on the side that its normal points to.
+        off: the way by which they start off the surface, and know no shape as their origin; None if they start on it.
     """
 
     reflect: Flags
@@ -35,12 +36,12 @@ class Media(NamedTuple):
     Args:
         eta: `eta_t / eta_i`, the index behind the surface over that in front of it.
         front: the shape whose medium the ray ran through, or `NO_SHAPE`; None where the model has no media.
-        left: the fraction of light that it lets through; None as above.
+        transmittance: the fraction of radiance that it lets through; None as above.
     """
 
     eta: Scalars
     front: Integers | None = None
-    left: Vectors | None = None
+    transmittance: Vectors | None = None
 
 
 class Model(NamedTuple):
@@ -70,12 +71,8 @@ def black(world: World, rays: Rays) -> Float[Array, "3 *ones"]:
     return jnp.zeros((3,) + (1,) * (rays.d.ndim - 1), rays.d.dtype)
 
 
-def materials_at(world: World, hits: Hits, footprint: Float[Array, "2 3 *rays"] | None = None) -> Any:
-    """The material at each hit: every look-up goes through here. A texture scales emission and diffuse colour.
-
-    `footprint` has the derivatives of the hit point along the axes of the area that each hit stands for; None for
-    points.
-    """
+def materials_at(world: World, hits: Hits, footprint: Axes | None = None) -> Any:
+    """The material at each hit, with emission and diffuse colour scaled by a texture; `footprint` as it wants it."""
     material = take(world.materials, hits.shape)
     if world.textures is None:
         return material

@@ -28,7 +28,7 @@ from raytrace_jax.optics.fresnel import reflected_share
 from raytrace_jax.scene.scene import least_distance
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Rays, Scalars, Vectors, take_column
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Pairs, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -69,9 +69,9 @@ def shade(
     mirror = jnp.where(hits.valid, m.transmission * reflectance + opaque * m.reflectivity, 0)
     through = jnp.where(hits.valid & ~total, m.transmission * (1 - reflectance), 0)
 
-    assert media.left is not None, "this model has media"
+    assert media.transmittance is not None, "this model has media"
     local = m.emission + opaque * m.diffuse * lambert_light(hits, at, entering, world, settings)
-    surface = Surface(jnp.where(hits.valid, local, 0), mirror, through, media.left)
+    surface = Surface(jnp.where(hits.valid, local, 0), mirror, through, media.transmittance)
     return surface, Children(mirror > 0, through > 0, reflect(d, n), transmitted, entering)
 
 
@@ -122,7 +122,7 @@ def media_at(world: World, hits: Hits, entering: Flags, settings: ResolvedSettin
     return Media(index_of(world, back) / index_of(world, front), front, jnp.where(hits.valid, left, 1))
 
 
-def innermost(world: World, hits: Hits) -> tuple[Int[Array, "2 *rays"], Float[Array, "2 *rays"]]:
+def innermost(world: World, hits: Hits) -> tuple[Int[Array, "2 *rays"], Pairs]:
     """The smallest glass shape on the outer and the inner side of each hit, and its size; what is hit is left out.
 
     Each side is asked half the least distance of a hit off the surface: surfaces that coincide are crossed together.
@@ -178,7 +178,7 @@ def background_radiance(world: World, rays: Rays) -> Float[Array, "3 *#rays"]:
         return radiance
     _, entry = world.textures.column[background.texture]
     pyramid = world.textures.pyramids[entry]
-    axes = None if rays.edge_beam is None else rays.beam.footprint.d
+    axes = None if rays.beam is None else rays.beam.footprint.d
     return radiance * environment_colors(pyramid, rays.d, axes)
 
 

@@ -13,12 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
+from raytrace_jax.tracer.geometry.rays import Scalars, Vectors
 from raytrace_jax.util.numerics import clamp01, dot
-
-LEAST_CHANGE = 1e-6
-"""Functions whose sign decides count as changing by at least this over a footprint: they are divided by their change.
-
-Anything from 1e-9 to 1e-3 does the same (experiments/tuning)."""
 
 
 def positive_fractions(values: Float[Array, "*nodes rays"]) -> Float[Array, "*nodes rays"]:
@@ -31,18 +27,19 @@ def positive_fractions(values: Float[Array, "*nodes rays"]) -> Float[Array, "*no
         return (values > 0).astype(values.dtype)
     middle = mean(values)
     fixed = jax.lax.stop_gradient(values)
-    steepness = 1 / jnp.maximum(jnp.max(fixed, 0) - jnp.min(fixed, 0), LEAST_CHANGE)
+    # Kept from zero, as it is divided by: 1e-9 to 1e-3 do the same.
+    steepness = 1 / jnp.maximum(jnp.max(fixed, 0) - jnp.min(fixed, 0), 1e-6)
     # A Gauss-Legendre node lies sqrt(4/3) times as far from the middle as the middle of its half does.
     return clamp01(0.5 + (values + ((4 / 3) ** 0.5 - 1) * middle) * steepness)
 
 
-def total_fraction(nodes: Nodes, eta: Float[Array, " rays"]) -> Float[Array, " rays"]:
+def total_fraction(nodes: Nodes, eta: Scalars) -> Scalars:
     """The fraction of each footprint that is reflected totally: where the squared cosine of refraction is negative."""
     cos = dot(nodes.d, nodes.n)
     return 1 - mean(positive_fractions(1 - (1 - cos * cos) / (eta * eta)))
 
 
-def mean(values: Float[Array, "*nodes rays"]) -> Float[Array, " rays"]:
+def mean(values: Float[Array, "*nodes rays"]) -> Scalars:
     """The mean over the nodes, written out: as a reduction, derivatives take a quarter longer on the CPU.
 
     Of single points it is the values themselves.
@@ -50,19 +47,21 @@ def mean(values: Float[Array, "*nodes rays"]) -> Float[Array, " rays"]:
     return values if values.ndim == 1 else functools.reduce(operator.add, values) * (1 / len(values))
 
 
-def nodes_of(hits: Hits, d: Float[Array, "3 rays"], nodes: Nodes | None) -> Nodes:
+def nodes_of(hits: Hits, d: Vectors, nodes: Nodes | None) -> Nodes:
     """The nodes; the hits themselves where there are none."""
     return Nodes(hits.p, hits.n, d) if nodes is None else nodes
 
 
 class Parts(NamedTuple):
-    """Parallelograms side by side that make up a larger one."""
+    """Parallelograms side by side that make up a larger one.
+
+    Args:
+        middles: the parts' middles, from the middle of the whole.
+        axes: derivatives along the axes of each part, the longer one first: it reaches half of them to both sides.
+    """
 
     middles: Float[Array, "parts coordinates *rays"]
-    """The parts' middles, from the middle of the whole."""
-
     axes: Float[Array, "2 coordinates *rays"]
-    """Derivatives along the axes of each part, the longer one first: it reaches half of them to both sides."""
 
 
 def parts(axes: Float[Array, "2 coordinates *rays"], n: int) -> Parts:

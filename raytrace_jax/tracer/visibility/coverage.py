@@ -8,9 +8,8 @@ second antiderivative of f:
 
     D[F] = (F(d + h+) + F(d - h+) - F(d + h-) - F(d - h-)) / (a b),   h+- = (a +- b) / 2.
 
-With `F_k(x) = max(x, 0)^k / k!` the moments of the part with q > 0 are: its area `A = D[F_2]` (f is the step function),
-`A E[q] = D[F_3]`, and `A E[q^2] / 2 = D[F_4]`. The derivative of A by d is `D[F_1]`, the density of q at the edge. That
-is the length of the edge inside of the pixel: the weight of a moving edge in the pixel's derivative (`look`).
+The derivative of the area by d is the density of q at the edge. That is the length of the edge inside of the pixel: the
+weight of a moving edge in the pixel's derivative (`look`).
 """
 
 import functools
@@ -18,9 +17,9 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array
 
-from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.rays import Flags, Pairs, Rays, Scalars
 from raytrace_jax.tracer.geometry.shapes import (
     Approach,
     Edge,
@@ -40,28 +39,26 @@ class SurfaceAhead(eqx.Module):
     """
 
     shape: Shapes
-    curved: Bool[Array, " *rays"]
-    t: Float[Array, " *rays"]
-    side: Float[Array, " *rays"]
+    curved: Flags
+    t: Scalars
+    side: Scalars
     approach: Approach
 
 
-def facing_side(
-    rays: Rays, shape: Shapes, curved: Bool[Array, " *rays"], outside: Bool[Array, " *rays"]
-) -> Float[Array, " *rays"]:
+def facing_side(rays: Rays, shape: Shapes, curved: Flags, outside: Flags) -> Scalars:
     """The sign of the cosine of incidence: -1 for what faces the ray, as a ball does that is seen from `outside`."""
     # For a ball by definition: where the ray only just touches it the cosine is 0, and rounding would choose its sign.
     flat = jnp.where(dot(shape.normal, rays.d) < 0, -1, 1)
     return jnp.where(curved, jnp.where(outside, -1, 1), flat).astype(rays.o.dtype)
 
 
-def path_limit(rays: Rays, t: Float[Array, " *rays"], approach: Approach, longest_path: float) -> Edge:
+def path_end(rays: Rays, t: Scalars, approach: Approach, path_limit: float) -> Edge:
     """The edge where a path becomes too long and ends in black."""
     # The event function is what is left of the path. It shrinks as fast as the distance grows.
-    return Edge(jnp.ones_like(t, bool), longest_path - rays.path_length - t, -approach.slope, approach.fraction)
+    return Edge(jnp.ones_like(t, bool), path_limit - rays.path_length - t, -approach.slope, approach.fraction)
 
 
-def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists: Bool[Array, " *rays"]) -> Edge:
+def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists: Flags) -> Edge:
     """The edge where two surfaces are equally far and change places; `near` is the nearer one.
 
     The plain event function is the difference of the distances. But where a ray grazes a sphere, the sphere's distance
@@ -137,14 +134,6 @@ def most_central(edges: tuple[Edge, ...]):
     return functools.reduce(nearer, candidates)
 
 
-LEAST_SIDE = 3e-2
-"""An edge nearer to parallel with a side than this is turned by so much.
-
-The second difference divides by the sides' extents, and loses as many digits as they are small. An edge on the border
-of two pixels, as between the course's walls in pictures of even width, belongs to each by half. Its distances from
-their middles are known only to a few thousandths: not turned, both pixels could take all of it, or none."""
-
-
 class Cut(eqx.Module):
     """A pixel cut in two by an edge: the near part, where the edge's distance is positive, and the far part.
 
@@ -154,23 +143,30 @@ class Cut(eqx.Module):
         width: standard deviations of both parts along the normal, as fractions of the whole pixel's.
     """
 
-    area: Float[Array, " *rays"]
-    shift: Float[Array, "2 *rays"]
-    width: Float[Array, "2 *rays"]
+    area: Scalars
+    shift: Pairs
+    width: Pairs
 
 
-def reach(normal: Float[Array, "2 *rays"]) -> Float[Array, " *rays"]:
-    """The largest distance at which an edge of this direction still cuts the pixel."""
+def reach(normal: Pairs) -> Scalars:
+    """The largest distance at which an edge of this direction still cuts more of the pixel than a corner."""
     a, b = sides(normal)
-    return (a + b) / 2
+    return 0.9995 * ((a + b) / 2)
 
 
-def sides(normal: Float[Array, "2 *rays"]) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
-    """Extent of the pixel's two sides along the edge's normal, kept from zero, as they are divided by."""
-    return jnp.maximum(jnp.abs(normal[0]), LEAST_SIDE), jnp.maximum(jnp.abs(normal[1]), LEAST_SIDE)
+def sides(normal: Pairs) -> tuple[Scalars, Scalars]:
+    """Extents `a = |n_u|` and `b = |n_v|` of the pixel's sides along the edge's normal, each 0.03 at least.
+
+    The second difference divides by `a b`: in dtype epsilon e its area has an error of about `e / (a b)`. An edge that
+    is nearer to parallel with a side is turned by so much. On the border of two pixels, as between the course's walls
+    in pictures of even width, it belongs to each by half, and its distances from their middles are known only to a few
+    thousandths: not turned, both pixels could take all of it, or none.
+    """
+    a, b = (jnp.maximum(jnp.abs(n), 0.03) for n in (normal[0], normal[1]))
+    return a, b
 
 
-def cut_pixel(d: Float[Array, " *rays"], normal: Float[Array, "2 *rays"]) -> Cut:
+def cut_pixel(d: Scalars, normal: Pairs) -> Cut:
     """Cut pixels by edges at distance `d`; an edge that misses its pixel leaves one part whole.
 
     Differentiable with respect to `d`; the normals and widths are taken as constants.
@@ -181,12 +177,12 @@ def cut_pixel(d: Float[Array, " *rays"], normal: Float[Array, "2 *rays"]) -> Cut
     return Cut(area[0], side * mean - d, width)
 
 
-Moments = tuple[Float[Array, "2 *rays"], Float[Array, "2 *rays"], Float[Array, "2 *rays"]]
+Moments = tuple[Pairs, Pairs, Pairs]
 """Area of the part with q > 0, mean of q over it, and its width along the normal as a fraction of the pixel's."""
 
 
 @jax.custom_jvp
-def half_plane(d: Float[Array, "2 *rays"], a: Float[Array, " *rays"], b: Float[Array, " *rays"]) -> Moments:
+def half_plane(d: Pairs, a: Scalars, b: Scalars) -> Moments:
     """The moments of parts of pixels whose sides extend by `a` and `b` along the normal; widths are constants."""
     return _moments(d, a, b)[0]
 
@@ -198,7 +194,15 @@ def _half_plane_jvp(primals, tangents):
 
 
 def _moments(d, a, b) -> tuple[Moments, tuple[Array, Array]]:
-    """The moments, and the derivatives of area and mean by the distance: the first is the length of the edge."""
+    """The moments by second differences, and the derivatives of area and mean by the distance.
+
+    With `F_k(x) = max(x, 0)^k / k!`, and the square's corners at distances x_i from the edge with signs s_i = u_i v_i,
+
+        D[F_k] = sum_i s_i F_k(x_i) / (a b),
+        A = D[F_2],  E[q] = D[F_3] / A,  E[q^2] = 2 D[F_4] / A,  dA/dd = D[F_1],  dE[q]/dd = 1 - E[q] D[F_1] / A.
+
+    (Heckbert 1986, "Filtering by repeated integration": a box filter is a difference of an antiderivative.)
+    """
     # The square's corners: x is their distance from the edge, and corners beyond the edge add nothing.
     u, v = (jnp.asarray(x, d.dtype).reshape(4, *(1,) * d.ndim) for x in ((1, -1, 1, -1), (1, -1, -1, 1)))
     x = jnp.maximum(d + (u * a + v * b) / 2, 0)

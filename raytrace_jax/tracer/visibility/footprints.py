@@ -7,12 +7,14 @@ counts in its pixel, so that the measure is the product of its weight and the sq
 linear footprint leaves out.
 """
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import Beam, Footprint, Rays
+from raytrace_jax.tracer.geometry.rays import Axes, Flags, Footprint, Number, Pairs, Rays, Scalars, Vectors
 from raytrace_jax.tracer.geometry.shapes import GRAZING, Shapes, surface_value
 from raytrace_jax.tracer.resolved_settings import SUBDIVISIONS, ResolvedSettings
 from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, safe_normalize
@@ -23,11 +25,8 @@ LEAST_SPREAD = 0.002
 Half of it takes a seventh to two fifths more rays and gains little. Double it makes pictures of one scene half as wrong
 again (experiments/tuning)."""
 
-NODE = 12**-0.5
-"""Half the distance of the two Gauss-Legendre nodes in an interval of length one: with them cubics have their mean."""
 
-
-def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Array, "2 3 *rays"], ...]:
+def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Axes, ...]:
     """Derivatives of hit point and scattered directions along the footprint's axes (Igehy 1999, by forward mode)."""
     rays, hits, shape = jax.lax.stop_gradient((rays, hits, shape))
 
@@ -47,7 +46,7 @@ def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Arr
     return jax.lax.stop_gradient(along)
 
 
-def bounded(footprint: Footprint, unit: Float[Array, ""]) -> Footprint:
+def bounded(footprint: Footprint, unit: Number) -> Footprint:
     """The footprint, each axis shortened as a whole where it has outgrown all scenes.
 
     Between two balls each bounce may spread footprints a thousandfold: after twenty the squares of their edges' slopes
@@ -60,11 +59,15 @@ def bounded(footprint: Footprint, unit: Float[Array, ""]) -> Footprint:
     return Footprint(shorten * footprint.o, shorten * footprint.d)
 
 
-def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3 *rays"]) -> Nodes:
-    """Four points of each footprint on its surface; their mean is its light."""
+def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Axes) -> Nodes:
+    """Four points of each footprint on its surface; their mean is its light.
+
+    They are Gauss-Legendre nodes: in an interval of length one they lie `1 / sqrt(12)` to either side of the middle,
+    and the mean of a cubic is that of its values there.
+    """
     curvature = jax.lax.stop_gradient(shape.curvature)
 
-    def moved(moves: Float[Array, "2 3 *rays"]) -> Float[Array, "3 4 *rays"]:
+    def moved(moves: Axes) -> Float[Array, "3 4 *rays"]:
         # All nodes in one array: one program for the four of them, which lie on either side along both axes.
         signs = (-1, -1, 1, 1), (-1, 1, -1, 1)
         u, v = (jnp.asarray(x, moves.dtype).reshape(4, *(1,) * (moves.ndim - 2)) for x in signs)
@@ -73,7 +76,7 @@ def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3
     # A footprint that has outgrown a sphere moves along it by no more than its radius.
     # 1e-20 only guards the root: footprints on surfaces are many orders of magnitude longer, in any unit.
     length = jnp.sqrt(jnp.maximum(jnp.sum(p_axes * p_axes, 1), 1e-20))
-    fraction = (NODE / jnp.maximum(1, length * curvature))[:, None]
+    fraction = (12**-0.5 / jnp.maximum(1, length * curvature))[:, None]
     p_moves, d_moves = fraction * p_axes, fraction * rays.beam.footprint.d
     p, d = moved(p_moves), moved(d_moves)
     n = safe_normalize(hits.n[:, None] + curvature * p)
@@ -81,12 +84,7 @@ def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3
     return Nodes(hits.p[:, None] + p, n, safe_normalize(rays.d[:, None] + d), spread)
 
 
-def cosine_spread(
-    d: Float[Array, "3 *rays"],
-    n: Float[Array, "3 *rays"],
-    d_moves: Float[Array, "2 3 *rays"],
-    n_moves: Float[Array, "2 3 *rays"],
-) -> Float[Array, " *rays"]:
+def cosine_spread(d: Vectors, n: Vectors, d_moves: Axes, n_moves: Axes) -> Scalars:
     """The range of the squared cosine of incidence over footprints, to first order, as `Nodes` has it.
 
     Args:
@@ -99,15 +97,13 @@ def cosine_spread(
     return 2 * jnp.abs(dot(d, n)) * jnp.sqrt(12 * variance + TINY_32)
 
 
-def spread_squared(d_axes: Float[Array, "2 3 *rays"]) -> Float[Array, "2 *rays"]:
+def spread_squared(d_axes: Axes) -> Pairs:
     """Squares of the angles by which a scattered footprint is spread along its two axes, in radians."""
     # About a half turn is the widest that counts; 0.75 to 6 do the same.
     return jnp.minimum(jnp.sum(d_axes * d_axes, 1), 3.0**2)
 
 
-def wants_subdivision(
-    rays: Rays, spread: Float[Array, "2 *rays"], may_split: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> tuple[Bool[Array, " *rays"], Bool[Array, " *rays"]]:
+def wants_subdivision(rays: Rays, spread: Pairs, may_split: Flags, settings: ResolvedSettings) -> tuple[Flags, Flags]:
     """The rays that are better subdivided, and those of them along the footprint's second axis.
 
     Args:
@@ -120,7 +116,7 @@ def wants_subdivision(
     return wanted, second
 
 
-def subdivide(rays: Rays, second: Bool[Array, " *rays"]) -> list[Rays]:
+def subdivide(rays: Rays, second: Flags) -> list[Rays]:
     """The three thirds of each footprint, side by side along its first or second axis, as rays of their own."""
     footprint, beam = rays.beam.footprint, rays.beam
 
@@ -128,18 +124,11 @@ def subdivide(rays: Rays, second: Bool[Array, " *rays"]) -> list[Rays]:
         return jnp.stack([jnp.where(second, axes[0], axes[0] / 3), jnp.where(second, axes[1] / 3, axes[1])])
 
     narrow = Footprint(third(footprint.o), third(footprint.d))
-    part = Beam(narrow, beam.passed, beam.depth, beam.subdivisions + 1)
+    part = dataclasses.replace(beam, footprint=narrow, subdivisions=beam.subdivisions + 1)
+    part = dataclasses.replace(rays, beam=part, throughput=rays.throughput / 3)
     # The axes span the square from -1/2 to 1/2: the thirds' middles are at -1/3, 0 and 1/3.
     o_axis, d_axis = (jnp.where(second, axes[1], axes[0]) for axes in (footprint.o, footprint.d))
     return [
-        Rays(
-            rays.o + offset * o_axis,
-            safe_normalize(rays.d + offset * d_axis),
-            rays.path_length,
-            rays.origin_shape,
-            rays.inside,
-            part,
-            rays.throughput / 3,
-        )
+        dataclasses.replace(part, o=rays.o + offset * o_axis, d=safe_normalize(rays.d + offset * d_axis))
         for offset in (-1 / 3, 0, 1 / 3)
     ]

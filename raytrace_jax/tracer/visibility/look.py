@@ -37,35 +37,23 @@ import operator
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.scene.scene import least_distance
 from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays, take
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Footprint, Integers, Number, Rays, Scalars, take
 from raytrace_jax.tracer.geometry.shape_types import Index, by_type, fold_shapes, is_curved, present_types
 from raytrace_jax.tracer.geometry.shapes import (
     GRAZING,
-    WITHIN,
     Edge,
     Shapes,
     ShapeType,
-    Sighting,
     approach,
     hit_distance,
     is_within,
     surface_normal,
 )
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.visibility.coverage import (
-    Cut,
-    SurfaceAhead,
-    cut_pixel,
-    facing_side,
-    most_central,
-    occlusion_edge,
-    path_limit,
-    reach,
-)
+from raytrace_jax.tracer.visibility import coverage
 from raytrace_jax.util.numerics import dot, materialize, safe_normalize, select, unstacked
 
 
@@ -73,36 +61,31 @@ class Nearest(eqx.Module):
     """A candidate surface of each ray.
 
     Args:
-        code: the rest in one number, so that a comparison moves two numbers and not four.
+        code: the index of the shape and, in the last two bits, `outside` and `centered`: in one number, so that a
+            comparison moves two numbers and not four.
     """
 
-    t: Float[Array, " *rays"]
-    code: Int[Array, " *rays"]
-
-    @classmethod
-    def of(cls, t, index: Index, found: Sighting) -> "Nearest":
-        """A candidate on the shape of that index."""
-        # From the highest bit: the index, then two flags. The properties below read them.
-        return cls(t, 4 * index + 2 * found.outside.astype(jnp.int32) + found.centered.astype(jnp.int32))
+    t: Scalars
+    code: Integers
 
     @property
-    def shape(self) -> Int[Array, " *rays"]:
+    def shape(self) -> Integers:
         """Index of the shape, or `NO_SHAPE`."""
         return self.code >> 2
 
     @property
-    def outside(self) -> Bool[Array, " *rays"]:
+    def outside(self) -> Flags:
         """It is a curved shape that is seen from outside of it."""
         return self.code & 2 != 0
 
     @property
-    def centered(self) -> Bool[Array, " *rays"]:
+    def centered(self) -> Flags:
         """The footprint's centre sees it, not only a part beyond its edge."""
         return self.code & 1 != 0
 
 
 def find_two_nearest(
-    shapes: Shapes, rays: Rays, live, may_pass, least: Float[Array, ""], settings: ResolvedSettings
+    shapes: Shapes, rays: Rays, live, may_pass, least: Number, settings: ResolvedSettings
 ) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 
@@ -115,14 +98,15 @@ def find_two_nearest(
         found = shape_type.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
         seen = found.seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
         seen = seen if shape.hidden is None else seen & ~shape.hidden
-        return Nearest.of(jnp.where(seen, found.t, jnp.inf), index, found)
+        code = 4 * index + 2 * found.outside.astype(jnp.int32) + found.centered.astype(jnp.int32)
+        return Nearest(jnp.where(seen, found.t, jnp.inf), code)
 
-    def nearer(found: Nearest, other: Nearest) -> Bool[Array, " *rays"]:
+    def nearer(found: Nearest, other: Nearest) -> Flags:
         # On a tie the first shape of the file wins; in a loop one type comes after the other.
         return (found.t < other.t) | ((found.t == other.t) & (found.shape < other.shape))
 
-    # The two nearest of all shapes so far. Only the first may be seen in part: what is behind an edge is looked at
-    # again by the ray that goes past the edge.
+    # The two nearest of all shapes so far. Only the first may be seen in part: the ray that goes past the edge meets
+    # what is behind it again.
     def put_in_order(two: tuple[Nearest, Nearest], found: Nearest) -> tuple[Nearest, Nearest]:
         nearest, second = two
         first = nearer(found, nearest)
@@ -155,19 +139,12 @@ class View(eqx.Module):
 
     si: Hits
     rays: Rays
-    coverage: Float[Array, " *rays"]
-    passes: Bool[Array, " *rays"]
+    coverage: Scalars
+    passes: Flags
     past: Rays
 
 
-def look(
-    shapes: Shapes,
-    rays: Rays,
-    live: Bool[Array, " *rays"],
-    may_pass: Bool[Array, " *rays"],
-    unit: Float[Array, ""],
-    settings: ResolvedSettings,
-) -> View:
+def look(shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number, settings: ResolvedSettings) -> View:
     """Find what each ray's footprint sees first, and split it at the edge of the smallest signed distance.
 
     Args:
@@ -185,29 +162,30 @@ def look(
     twice = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None, :], (*x.shape[:-1], 2, x.shape[-1])), rays)
     met = meet(twice, shapes, two, exist)
     surface, behind = (jax.tree.map(operator.itemgetter((..., k, slice(None))), met) for k in range(2))
-    between = materialize(occlusion_edge(rays, surface, behind, behind_exists), live)
+    between = materialize(coverage.occlusion_edge(rays, surface, behind, behind_exists), live)
     # A sphere whose rim the centre just misses may lie behind the other surface wherever the footprint sees it.
     hidden = behind_exists & ~nearest.centered & ~is_within(between)
     nearest, surface = select(hidden, (second, behind), (nearest, surface))
 
     # One edge, of the smallest signed distance, cuts the footprint in two; others are left to the rays of both parts.
     edges = own_edges(rays, surface, nearest.outside, settings)
-    if settings.has_longest_path:
-        edges.append(path_limit(rays, surface.t, surface.approach, settings.longest_path))
+    if settings.has_path_limit:
+        edges.append(coverage.path_end(rays, surface.t, surface.approach, settings.path_limit))
     edges.append(eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden))
-    distance, direction, fraction, step = materialize(most_central(tuple(edges)), live)
+    distance, direction, fraction, step = materialize(coverage.most_central(tuple(edges)), live)
     # Where it does not cut, the centre decides alone. The distance 2 is beyond any footprint's reach: all is near.
-    cuts = found & (jnp.abs(distance) < WITHIN * reach(direction)) & may_pass
+    cuts = found & (jnp.abs(distance) < coverage.reach(direction)) & may_pass
     present = found & (cuts | (distance > 0))
     distance = jnp.where(cuts, distance, 2)
-    cut = materialize(cut_pixel(distance, direction), live)
+    cut = materialize(coverage.cut_pixel(distance, direction), live)
 
     # The ray of each part, through the part's centroid: the near one hits, the far one goes past the edge.
     near, far = materialize(move(rays, direction, fraction, cut, cuts), live)
 
     # Where the near ray hits.
     fixed_near, fixed_shape = jax.lax.stop_gradient((near, surface.shape))
-    t = moved_distance(fixed_near, nearest, fixed_shape, cuts)
+    t = by_type(fixed_shape, lambda shape_type: shape_type.distance(fixed_near, fixed_shape, nearest.outside))
+    t = jnp.where(cuts, t, nearest.t)
     # Near a silhouette the hit lies as deep inside of it as the centroid of the near part, g = depth. As the half chord
     # is sqrt(2 r g), the cosine there is sqrt(2 depth / r). The shifted ray is only linear and may come closer to the
     # rim, where its derivative would run off to infinity: half of this cosine is the least to divide by.
@@ -219,17 +197,17 @@ def look(
     # What goes past ignores this surface and the one passed before, and counts for what is left of the pixel.
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
     throughput = rays.throughput * jax.lax.stop_gradient(1 - cut.area)
-    past = eqx.tree_at(lambda r: (r.beam.passed, r.path_throughput), far, (passed, throughput))
+    past = eqx.tree_at(lambda r: (r.beam.passed, r.throughput), far, (passed, throughput))
     return View(hits, near, jnp.where(cuts, cut.area, 1), cuts, past)
 
 
 def hit_surface(
     rays: Rays,
-    index: Int[Array, " *rays"],
-    surface: SurfaceAhead,
-    t: Float[Array, " *rays"],
-    least_cos: Float[Array, " *rays"],
-    present: Bool[Array, " *rays"],
+    index: Integers,
+    surface: coverage.SurfaceAhead,
+    t: Scalars,
+    least_cos: Scalars,
+    present: Flags,
     settings: ResolvedSettings,
 ) -> Hits:
     """The hit of each ray on the surface that it is known to meet.
@@ -251,18 +229,16 @@ def hit_surface(
     return Hits(valid, t, p, n, jnp.maximum(index, 0), path_length)
 
 
-def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Bool[Array, " *rays"]) -> SurfaceAhead:
+def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Flags) -> coverage.SurfaceAhead:
     """The surface that each ray is known to meet, with a differentiable distance."""
     shape = take(shapes, jnp.maximum(nearest.shape, 0))
     curved = is_curved(shape)
-    side = facing_side(jax.lax.stop_gradient(rays), shape, curved, nearest.outside)
+    side = coverage.facing_side(jax.lax.stop_gradient(rays), shape, curved, nearest.outside)
     t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING, side)
-    return SurfaceAhead(shape, curved, t, side, approach(rays, shape, t, side))
+    return coverage.SurfaceAhead(shape, curved, t, side, approach(rays, shape, t, side))
 
 
-def own_edges(
-    rays: Rays, surface: SurfaceAhead, outside: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> list[Edge]:
+def own_edges(rays: Rays, surface: coverage.SurfaceAhead, outside: Flags, settings: ResolvedSettings) -> list[Edge]:
     """The edges that the surfaces have by themselves, of every type that is in the scene."""
     found = []
     for number, shape_type in present_types(surface.shape):
@@ -272,7 +248,7 @@ def own_edges(
     return found
 
 
-def move(rays: Rays, direction, fraction, cut: Cut, cuts) -> list[Rays]:
+def move(rays: Rays, direction, fraction, cut: coverage.Cut, cuts) -> list[Rays]:
     """Rays at the centroids of the near and the far part of their footprint, which become their footprints.
 
     Args:
@@ -281,7 +257,7 @@ def move(rays: Rays, direction, fraction, cut: Cut, cuts) -> list[Rays]:
     """
     footprint = rays.beam.footprint
 
-    def part(shift: Float[Array, " *rays"], width: Float[Array, " *rays"]):
+    def part(shift: Scalars, width: Scalars):
         offset = jnp.where(cuts, direction * fraction * shift, 0)[:, None]
         o, d = rays.o + jnp.sum(offset * footprint.o, 0), rays.d + jnp.sum(offset * footprint.d, 0)
         # The part becomes a parallelogram again, of the part's variance across the edge: with J the footprint and n the
@@ -293,13 +269,5 @@ def move(rays: Rays, direction, fraction, cut: Cut, cuts) -> list[Rays]:
 
         return o, safe_normalize(d), jax.lax.stop_gradient(Footprint(narrow(footprint.o), narrow(footprint.d)))
 
-    def moved(o, d, narrowed):
-        return eqx.tree_at(lambda r: (r.o, r.d, r.beam.footprint), rays, (o, d, narrowed))
-
-    return [moved(*each) for each in unstacked(jax.vmap(part)(cut.shift, cut.width), 2)]
-
-
-def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
-    """Distance along moved rays to the shape that is known to be the nearest; not differentiable."""
-    t = by_type(shape, lambda shape_type: shape_type.distance(rays, shape, nearest.outside))
-    return jnp.where(moved, t, nearest.t)
+    parts = unstacked(jax.vmap(part)(cut.shift, cut.width), 2)
+    return [eqx.tree_at(lambda r: (r.o, r.d, r.beam.footprint), rays, each) for each in parts]
