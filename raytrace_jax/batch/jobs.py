@@ -1,4 +1,4 @@
-"""A plan's jobs know all that determines their outcomes, and have names and labels made of that."""
+"""The jobs of a plan, with all that determines their outcomes, their names and their labels."""
 
 import dataclasses
 import functools
@@ -93,12 +93,12 @@ def job_scene(job: Job, values: Values | None = None) -> Scene:
     return set_parameters(_parsed(job.scene, dtype), job.values if values is None else values)
 
 
-def by_shape(jobs: Sequence[Job]) -> list[list[Job]]:
-    """The jobs in groups of equal shapes, in the order in which shapes and jobs come; equal jobs come once."""
+def by_shape(jobs: Sequence[Job]) -> list[Job]:
+    """Each job once, those of one shape after each other: in the order in which shapes and jobs come."""
     groups: dict[str, dict[str, Job]] = {}
     for job in jobs:
         groups.setdefault(job.shape, {}).setdefault(job.name, job)
-    return [list(group.values()) for group in groups.values()]
+    return [job for group in groups.values() for job in group.values()]
 
 
 def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
@@ -132,9 +132,6 @@ COMPONENTS = {
 
 OF_NOISE, TOTAL = ".standard_error", ".total_error"
 """Ends of the columns of an estimate's errors."""
-
-_DEVICES = re.compile(r"(?i)^(con|prn|aux|nul|com\d|lpt\d)(?=\.)")
-"""Names that Windows takes for a device, whatever follows the dot."""
 
 
 def value_cells(job: Job) -> Row:
@@ -177,7 +174,7 @@ def file_name(job: Job) -> str:
     pieces = [Path(value).stem if name == "scene" else f"{name}={value}" for name, value in job.varied]
     words = re.sub(r"[^\w.,=+-]", "_", ",".join(pieces) or Path(job.scene_name).stem, flags=re.ASCII)[:100]
     # The fingerprint tells jobs apart that look alike: other plans with the same folder vary the same names.
-    return _DEVICES.sub(r"\1_", words) + f"_{job.name[:8]}"
+    return f"{words}_{job.name[:8]}"
 
 
 def cell_text(cell: TableCell) -> str:

@@ -130,7 +130,7 @@ def test_a_grid_is_all_combinations_and_a_list_goes_row_by_row(folder):
     assert [job.values["vitreous.center.y"] for job in jobs[:12]] == [1] * 6 + [2] * 6
     assert jobs[0].settings == ResolvedSettings(size=(16, 12))
     assert jobs[12].settings == ResolvedSettings(size=(16, 12), edges="aware")
-    assert [len(group) for group in by_shape(jobs)] == [12, 12]
+    assert [job.kind for job in by_shape(jobs[::-1])] == ["gradient"] * 12 + ["render"] * 12
 
 
 def test_fits_are_made_for_each_target_noise_and_seed(folder):
@@ -142,7 +142,7 @@ def test_fits_are_made_for_each_target_noise_and_seed(folder):
     jobs = jobs_of(folder, text + 'targets = ["one.png", "two.png"]')
     assert [job.options["target_name"] for job in jobs] == ["one.png"] * 3 + ["two.png"] * 3
     assert [job.target for job in jobs] == [str(folder / "one.png")] * 3 + [str(folder / "two.png")] * 3
-    assert len(by_shape(jobs)) == 1
+    assert len({job.shape for job in jobs}) == 1
 
 
 def test_what_the_plan_leaves_out_a_scenes_file_says(folder):

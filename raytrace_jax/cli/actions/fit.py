@@ -1,4 +1,4 @@
-"""The command `fit` goes from a picture, whose file may not say how its colours were stored, to parameters."""
+"""The command `fit`: from a picture, whose file may not say how its colours were stored, to parameters."""
 
 import dataclasses
 import hashlib
@@ -178,7 +178,7 @@ NOT_CONVERGED = 3
 def run_fit(command: Fit) -> int:
     """Fit the free parameters, print the estimates, write the report; 3 if the fit did not converge."""
     # What is wrong with the command shows before anything is read.
-    free, options = command.free, command.options
+    free, options = command.free, command.fit_options()
     if not free:
         raise UsageError("--free NAME ... is missing: which parameters should be found?")
     check_folder(command.output)
