@@ -46,11 +46,7 @@ class PlanFile:
             if name in table and (name in names or not names):
                 value = table[name]
                 if get_origin(core(hint)) is Mapping:
-                    value = {}
-                    for one, (place, found) in self.parameters((*keys, name)).items():
-                        value[one] = found
-                        if not suits({one: found}, hint):
-                            raise self.error(place, f"is {shown(found)}; wanted {in_words(hint)}.")
+                    value = {one: found for one, (_, found) in self.parameters((*keys, name)).items()}
                 elif is_row(hint) and not isinstance(value, list):
                     value = [value]
                 given[name] = value

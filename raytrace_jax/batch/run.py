@@ -15,9 +15,7 @@ from jax.typing import ArrayLike
 from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, file_name, job_scene
 from raytrace_jax.batch.plan import OPTIONS
 from raytrace_jax.errors import RaytraceError, one_sentence
-from raytrace_jax.images.jpeg import jpeg_storage
-from raytrace_jax.images.masks import clipped_pixels
-from raytrace_jax.images.pictures import is_jpeg, read_picture
+from raytrace_jax.images import jpeg, masks, pictures
 from raytrace_jax.images.png import write_png
 from raytrace_jax.inverse.build_problem import as_file_says
 from raytrace_jax.inverse.estimate import fit
@@ -109,9 +107,9 @@ def fit_job(job: Job, folder: Path) -> Outcome:
     scene = set_parameters(job_scene(job, None if path else options["fixed"]), options["start"])
     how, weights, storage = FitOptions(**{name: options[name] for name in OPTIONS}), None, None
     if path:
-        how, picture = as_file_says(how, path, scene, options["free"]), read_picture(path)
-        weights = clipped_pixels(path, picture, "auto", clamps=job.settings.model != "physical").weights
-        storage = jpeg_storage(path) if is_jpeg(path) else None
+        how, picture = as_file_says(how, path, scene, options["free"]), pictures.read_picture(path)
+        weights = masks.clipped_pixels(path, picture, "auto", clamps=job.settings.model != "physical").weights
+        storage = jpeg.jpeg_storage(path) if pictures.is_jpeg(path) else None
         target = picture.astype(f"float{job.precision}")
     else:
         settings = dataclasses.replace(job.settings, samples=options["target_samples"])

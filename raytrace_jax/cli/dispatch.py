@@ -76,8 +76,8 @@ def with_config(arguments: Sequence[str]) -> list[str]:
     found = []
     for key, value in read_toml(Path(arguments[place + 1])).items():
         name = key.replace("_", "-")
-        short = {"define": "-D", "output": "-o"}.get(name, "none")
-        if any(word.partition("=")[0] in (f"--{name}", f"--no-{name}") or word.startswith(short) for word in others):
+        spellings, short = (f"--{name}", f"--no-{name}"), {"define": ("-D",), "output": ("-o",)}.get(name, ())
+        if any(word.partition("=")[0] in spellings or word.startswith(short) for word in others):
             continue
         if isinstance(value, dict):
             texts = [f"{k}={','.join(_texts(v))}" for k, v in value.items()]

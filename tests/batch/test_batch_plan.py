@@ -61,7 +61,7 @@ BAD = [
     (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.ties]\n"cyan.alfa" = "cyan.ior"', ["'alpha'?"]),
     (
         HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.priors]\n"cyan.ior" = [1.3, 0]',
-        ['fit.priors."cyan.ior": is [1.3, 0]', "the latter above 0"],
+        ["fit.priors: is {'cyan.ior': [1.3, 0]}", "the latter above 0"],
     ),
 ]
 

@@ -14,8 +14,7 @@ from raytrace_jax.cli.console import UsageError, print_table, print_warning, std
 from raytrace_jax.cli.options import split_assignment
 from raytrace_jax.cli.options.scenes import Gallery, Grad, Sweep
 from raytrace_jax.cli.progress import Timer
-from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, label_frames, require_ffmpeg, write_animation
-from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
+from raytrace_jax.images import animation, masks
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.derivatives import DerivativeCheck, check_derivative, draw_gradients
 from raytrace_jax.report.films import how_made, screen_transfer, write_derivatives
@@ -63,10 +62,12 @@ def run_grad(command: Grad) -> int:
         with Timer("derivatives", console) as timer:
             found = picture_derivatives(scene, wrt, settings, _counter(timer, "derivative", f"/{len(names)}"))
         image, values = np.asarray(found.image), np.asarray(found.values)
-        bad = bad_pixels(image, values)
+        bad = masks.bad_pixels(image, values)
         if bad.any():
-            print_warning(f"{mask_in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files.")
-            found = found._replace(image=blackened(image), values=blackened(values))
+            print_warning(
+                f"{masks.mask_in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files."
+            )
+            found = found._replace(image=masks.blackened(image), values=masks.blackened(values))
         write_derivatives(command.output, found, scene, settings, differences)
 
     # The sheet shows what the layers hold; the words say how far differences agree with them.
@@ -168,12 +169,12 @@ def run_sweep(command: Sweep) -> int:
     asked = dataclasses.replace(command.render, edges=command.edges)
     name, values = parse_range(command.over)
     path, suffix = command.output, command.output.suffix.lower()
-    preparation.check_picture_path(path, SUFFIXES, "an animation")
-    most = MOST_GIF_FPS if suffix == ".gif" else 60
+    preparation.check_picture_path(path, animation.SUFFIXES, "an animation")
+    most = animation.MOST_GIF_FPS if suffix == ".gif" else 60
     if not 1 <= command.fps <= most:
         raise UsageError(f"--fps is {command.fps}; for a {suffix} file it can be 1 to {most}.")
     if suffix == ".mp4":
-        require_ffmpeg(path)
+        animation.require_ffmpeg(path)
     with jax_session(command.render.precision):
         scene, settings = preparation.read_picture_scene(command.scene, command.assignments, asked)
         preparation.check_single(scene, name, f"--over {command.over}")
@@ -185,9 +186,9 @@ def run_sweep(command: Sweep) -> int:
             frames = [Image.fromarray(as_pixels(render(moved, settings).image, transfer)) for moved in scenes]
         timer.took(f"rendering {len(frames)} frames")
     if command.label:
-        frames = label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])
+        frames = animation.label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])
     back = frames[-2:0:-1] if command.bounce else []
-    write_animation(command.output, [*frames, *back], command.fps)
+    animation.write_animation(command.output, [*frames, *back], command.fps)
     print(command.output)
     return 0
 
