@@ -57,14 +57,6 @@ class Job:
         numbers = json.loads(json.dumps(parts), parse_int=float)  # 2 is the same as 2.0.
         return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]
 
-    @property
-    def shape(self) -> str:
-        """Jobs of equal shapes run the same compiled programs."""
-        # What differs between fits of one shape are numbers: where they start, their targets, the noise.
-        numbers = ("start", "fixed", "noise", "seed", "target", "target_name", "sigma")
-        options = {name: value for name, value in self.options.items() if name not in numbers}
-        return repr((self.kind, self.precision, self.settings, self.scene.structure, options))
-
 
 def expand(plan: BatchPlan) -> list[Job]:
     """All jobs of a plan: kind by kind, scene by scene, row by row, the last name of the grid running fastest."""
@@ -91,14 +83,6 @@ def job_scene(job: Job, values: Values | None = None) -> Scene:
     """A job's scene with its values, or with other ones; float64 needs `jax_enable_x64`."""
     dtype = np.dtype(jnp.float64 if job.precision == 64 else jnp.float32)
     return set_parameters(_parsed(job.scene, dtype), job.values if values is None else values)
-
-
-def by_shape(jobs: Sequence[Job]) -> list[Job]:
-    """Each job once, those of one shape after each other: in the order in which shapes and jobs come."""
-    groups: dict[str, dict[str, Job]] = {}
-    for job in jobs:
-        groups.setdefault(job.shape, {}).setdefault(job.name, job)
-    return [job for group in groups.values() for job in group.values()]
 
 
 def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:

@@ -8,8 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-import jax
-
 from raytrace_jax.batch.plan_file import RANGE, Keys, PlanError, PlanFile, Value, read_value, read_values, shown
 from raytrace_jax.errors import reworded
 from raytrace_jax.inverse.fixed import numbers_of, standard_deviation
@@ -29,7 +27,6 @@ class PlannedScene(NamedTuple):
     """A scene of a plan as its jobs have it, by its canonical text."""
 
     text: str
-    structure: str  # Is equal for scenes that can share a compiled program.
     settings: ResolvedSettings
     folder: str  # Where the paths of its textures begin.
     pictures: str  # A fingerprint of these; empty where it has none.
@@ -54,9 +51,8 @@ class PlanScenes:
                 settings = resolve_settings(scene, given)
             with reworded(self._of_scene(("settings", "crop"), f"of {name}")):
                 settings.window(scene.camera.pixeldim)
-            text, structure = format_scene(scene, model=settings.model), str(jax.tree.structure(scene))
-            folder = str(path.parent.absolute())
-            self.planned[name] = PlannedScene(text, structure, settings, folder, fingerprint(scene))
+            text, folder = format_scene(scene, model=settings.model), str(path.parent.absolute())
+            self.planned[name] = PlannedScene(text, settings, folder, fingerprint(scene))
 
     def _of_scene(self, keys: Keys, which: str) -> Callable[[str], PlanError]:
         return lambda words: self.file.error(keys, f"{words.rstrip('.')} ({which}).")
@@ -87,15 +83,15 @@ class Target(NamedTuple):
 class FitTable(Checked):
     """The table `[fit]` without the options of the fit itself."""
 
-    free: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', some=True)]
+    free: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', nonempty=True)]
     """The parameters to find."""
     targets: Annotated[tuple[str, ...], Wanted("an array of file names")] = ()
     """Files of targets; without them targets are rendered, with the values of the job."""
     target_samples: Annotated[int, Wanted(least=1, most=MAX_SAMPLES)] = 4
     """N x N rays in each pixel of a rendered target."""
-    noise: Annotated[tuple[float, ...], Wanted("numbers from 0 up", least=0, below=math.inf, some=True)] = (0.0,)
+    noise: Annotated[tuple[float, ...], Wanted("numbers from 0 up", least=0, below=math.inf, nonempty=True)] = (0.0,)
     """Standard deviations of the noise that is added to the targets."""
-    seeds: Annotated[tuple[int, ...], Wanted("whole numbers from 0 up", least=0, some=True)] = (0,)
+    seeds: Annotated[tuple[int, ...], Wanted("whole numbers from 0 up", least=0, nonempty=True)] = (0,)
     """Of the noise."""
 
 
@@ -149,7 +145,7 @@ Values = Mapping[str, Value]
 class Head(Checked):
     """The entries of a plan beside its tables."""
 
-    scenes: Annotated[tuple[str, ...], Wanted('file names, as ["vitreous.txt"]', some=True)]
+    scenes: Annotated[tuple[str, ...], Wanted('file names, as ["vitreous.txt"]', nonempty=True)]
     precision: Precision = 64
 
 
@@ -157,7 +153,7 @@ class Head(Checked):
 class GradientPlan(Checked):
     """The table `[gradient]`: by which parameters, and whether edges that move are seen."""
 
-    wrt: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', some=True)]
+    wrt: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', nonempty=True)]
     edges: EdgeMode = "aware"
 
 

@@ -21,7 +21,7 @@ class Wanted(NamedTuple):
     most: float = math.inf
     above: float | None = None  # The number may not reach this, nor `below`.
     below: float | None = None
-    some: bool = False  # Whether a row has one entry at least.
+    nonempty: bool = False  # Whether a row has one entry at least.
 
     def holds(self, number: Any) -> bool:
         """Whether a number is within the limits; NaN is not, nor is an integer beyond all floats."""
@@ -110,7 +110,7 @@ def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
         is_row = isinstance(value, Sequence) and not isinstance(value, str | bytes)
         if not is_row and len(getattr(value, "shape", ())) != 1:
             return False
-        if limits and limits.some and not len(value):
+        if limits and limits.nonempty and not len(value):
             return False
         each = kinds[:1] * len(value) if origin is Sequence or kinds[-1] is ... else kinds
         return len(each) == len(value) and all(suits(v, kind, limits) for v, kind in zip(value, each, strict=True))

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from raytrace_jax.batch import cluster
-from raytrace_jax.batch.jobs import Job, by_shape, expand, labelled
+from raytrace_jax.batch.jobs import Job, expand, labelled
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
 from raytrace_jax.batch.run import JobRecord, forget_failures, is_done, other_records, run_and_record, write_plan
@@ -41,7 +41,7 @@ def run_batch(command: Batch) -> int:
 
         # A job that stands twice in the plan is run once; the folder may hold the jobs of other plans.
         folder = command.output.absolute()
-        distinct = by_shape(jobs)
+        distinct = list({job.name: job for job in jobs}.values())
         todo = [job for job in distinct if not is_done(folder, job)]
         console = stderr_console(quiet=command.quiet)
         others = other_records(folder, jobs)

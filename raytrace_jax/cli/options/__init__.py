@@ -22,9 +22,9 @@ from raytrace_jax.util.checked import Checked, wanted
 T = TypeVar("T")
 
 
-def repeatable(word: type[T], metavar: str) -> object:
+def repeatable(word: Any, metavar: str) -> object:
     """The mark of a row of words that comes after one option, or after several of the same name."""
-    rows = UseAppendAction[tuple[tuple[word, ...], ...]]  # pyright: ignore[reportInvalidTypeForm]
+    rows: Any = UseAppendAction[tuple[tuple[word, ...], ...]]  # pyright: ignore[reportInvalidTypeForm]
     return arg(constructor=rows, metavar=metavar, help_behavior_hint="(repeatable)")
 
 
