@@ -3,7 +3,10 @@
 The names below are imported when they are first used, so that the command line can answer `--help` without JAX.
 """
 
+import ast
+import functools
 import importlib
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from raytrace_jax._version import __version__ as __version__
@@ -54,55 +57,27 @@ if TYPE_CHECKING:
     from raytrace_jax.util.compilation import compiler_options as compiler_options
     from raytrace_jax.util.session import enable_compile_cache as enable_compile_cache
 
-_FRONT = {
-    "errors": (
-        *("RaytraceError", "ModelFileError", "ModelFileWarning", "ParameterError"),
-        *("PictureError", "PictureWarning", "SceneError", "SceneWarning", "SettingsError"),
-    ),
-    "exchange.export": ("export_scene",),
-    "exchange.mitsuba.load": ("import_scene",),
-    "images.exr": ("read_exr", "write_exr"),
-    "images.jpeg": ("jpeg_storage",),
-    "images.masks": ("read_mask",),
-    "images.pictures": ("read_picture",),
-    "images.png": ("write_png",),
-    "inverse.estimate": ("fit",),
-    "inverse.options": ("FitOptions",),
-    "inverse.residual_function": ("PictureResidual", "make_residual"),
-    "inverse.result": ("FitResult",),
-    "report.films": ("write_derivatives", "write_film"),
-    "report.fit_report.folder": ("write_report",),
-    "scene.build": ("make_scene",),
-    "scene.reader": ("load_scene", "parse_scene"),
-    "scene.writer": ("format_scene",),
-    "scene.parameters": ("get_parameter", "list_parameters", "set_parameters"),
-    "scene.scene": ("Scene",),
-    "tracer.derivatives": ("PictureDerivatives", "picture_derivatives"),
-    "tracer.pure": ("Renderer", "make_renderer"),
-    "tracer.rendering": ("Film", "render"),
-    "tracer.settings": ("RenderSettings",),
-    "util.compilation": ("compiler_options",),
-    "util.session": ("enable_compile_cache",),
-}
-"""Which module has which of the public names."""
 
-_WHOLE = {"optics": "optics", "build": "scene.build"}
-"""Modules that are public as a whole."""
-
-_MODULE_OF = {name: module for module, names in _FRONT.items() for name in names}
-
-__all__ = ["__version__", *_WHOLE, *_MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]
+@functools.cache
+def _public() -> dict[str, str]:
+    """The modules of the public names: what the block above says to type checkers."""
+    tree = ast.parse(Path(__file__).read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    return {alias.name: node.module for node in imports for alias in node.names if node.module}
 
 
 def __getattr__(name: str) -> object:
-    if name in _WHOLE:
-        return importlib.import_module(f"raytrace_jax.{_WHOLE[name]}")
-    if name not in _MODULE_OF:
+    if name == "__all__":
+        return ["__version__", *_public()]
+    if name not in _public():
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"raytrace_jax.{_MODULE_OF[name]}"), name)
-    globals()[name] = value
+    module = _public()[name]
+    if name in ("optics", "build"):  # Modules that are public as a whole.
+        return importlib.import_module(f"{module}.{name}")
+    value = globals()[name] = getattr(importlib.import_module(module), name)
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})
+    return sorted({"__all__", *_public(), *(name for name in globals() if name.startswith("__"))})

@@ -1,5 +1,8 @@
 """The errors that the user can mend: they carry a full sentence and never need a traceback."""
 
+import contextlib
+from collections.abc import Callable, Iterator
+
 
 class RaytraceError(Exception):
     """Base of all errors that the command line prints as one message (exit code 1)."""
@@ -35,6 +38,17 @@ class PictureWarning(UserWarning):
 
 class ParameterError(RaytraceError):
     """An unknown parameter name or a value that it cannot take."""
+
+
+@contextlib.contextmanager
+def reworded(
+    reword: Callable[[str], Exception], kinds: type[RaytraceError] | tuple[type[RaytraceError], ...] = RaytraceError
+) -> Iterator[None]:
+    """Raise what `reword` makes of its message in place of an error of these kinds."""
+    try:
+        yield
+    except kinds as reason:
+        raise reword(str(reason)) from None
 
 
 def one_sentence(error: Exception) -> str:

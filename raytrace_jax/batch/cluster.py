@@ -1,4 +1,4 @@
-"""Jobs are shared out to the processes of dask.distributed, on this machine or on a cluster."""
+"""The processes of dask.distributed that run jobs, on this machine or on a cluster."""
 
 import contextlib
 import importlib.util
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from raytrace_jax.batch.jobs import Job
-from raytrace_jax.batch.run import Chunk, JobRecord, chunks, read_record, run_chunk, write_record
+from raytrace_jax.batch.run import JobRecord, read_record, run_and_record, write_record
 from raytrace_jax.errors import RaytraceError, one_sentence
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import install
@@ -30,25 +30,22 @@ def require() -> None:
 def run_on_workers(
     jobs: Sequence[Job], folder: Path, workers: int | None, scheduler: str | None, on_done: OnDone
 ) -> None:
-    """Run what is not done on workers; what a killed one was at goes to another one.
+    """Run jobs on workers, which see the folder under this path; a job whose worker dies goes to another one.
 
-    A job that kills its worker again and again is recorded as failed, and those that shared its chunk run all the same.
+    A job that kills its worker again and again is recorded as failed.
 
-    All workers see the folder under this path. They are so many processes here, each for one job at a time, or those
-    of the scheduler at an address.
+    Args:
+        workers: how many processes to start here, each for one job at a time.
+        scheduler: else the address of the scheduler that has the workers.
 
     Raises:
         RaytraceError: no scheduler answers at the address or it goes away, a record cannot be written.
     """
     with _client(workers, scheduler) as client:
-        count = workers or max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
-        given_up = _share_out(client, chunks(jobs, folder, count), folder, on_done)
-        alone = [(job,) for chunk in given_up for job in chunk]
-        for chunk in _share_out(client, alone, folder, on_done):
-            [job] = chunk
-            record = JobRecord(
-                "failed", "the process that ran it died, each time it was tried: is there enough memory?"
-            )
+        # Dask suspects all that waited at a worker that died; alone, only those that kill it are left.
+        for job in _share_out(client, _share_out(client, jobs, folder, on_done), folder, on_done):
+            why = "the process that ran it died, each time it was tried: is there enough memory?"
+            record = JobRecord("failed", why)
             write_record(folder, job, record)
             on_done(job, record)
 
@@ -58,38 +55,31 @@ def dask_setup(worker: object) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _work(chunk: Chunk, folder: Path) -> None:
-    """Run a chunk in a worker."""
+def _work(job: Job, folder: Path) -> None:
+    """Run a job in a worker."""
     with jax_session(64, devices=1):
-        run_chunk(chunk, folder)
+        run_and_record(job, folder)
 
 
-def _share_out(client: Any, work: Sequence[Chunk], folder: Path, on_done: OnDone) -> list[Chunk]:
-    """Run chunks on the workers; return those that dask gave up, without their jobs that are done."""
+def _share_out(client: Any, jobs: Sequence[Job], folder: Path, on_done: OnDone) -> list[Job]:
+    """Run jobs on the workers; return those that dask gave up, since their workers died."""
     from distributed import KilledWorker
 
-    futures = client.map(_work, work, folder=folder, pure=False)
-    waiting = {job.name: job for chunk in work for job in chunk}
-    while True:
-        finished = all(future.status != "pending" for future in futures)
-        # After the question above, so that no record is missed; a job's record is written when all else is.
-        for job in list(waiting.values()):
-            record = read_record(folder, job)
-            if record:
-                del waiting[job.name]
-                on_done(job, record)
-        if finished:
-            break
+    futures = client.map(_work, jobs, folder=folder, pure=False)
+    waiting, given_up = dict(enumerate(futures)), []
+    while waiting:
         time.sleep(SECONDS_BETWEEN_LOOKS)
-    given_up = []
-    for future, chunk in zip(futures, work, strict=True):
-        if future.status in ("cancelled", "lost"):
-            raise RaytraceError("the scheduler or its workers are gone; the same command goes on where they were.")
-        error = future.exception() if future.status == "error" else None
-        if isinstance(error, KilledWorker):
-            given_up.append(tuple(job for job in chunk if job.name in waiting))
-        elif error is not None:
-            raise RaytraceError(f"a worker failed: {one_sentence(error)}")
+        for number in [number for number, future in waiting.items() if future.status != "pending"]:
+            future, job = waiting.pop(number), jobs[number]
+            if future.status in ("cancelled", "lost"):
+                raise RaytraceError("the scheduler or its workers are gone; the same command goes on where they were.")
+            error = future.exception() if future.status == "error" else None
+            if isinstance(error, KilledWorker):
+                given_up.append(job)
+            elif error is not None:
+                raise RaytraceError(f"a worker failed: {one_sentence(error)}")
+            elif record := read_record(folder, job):
+                on_done(job, record)
     return given_up
 
 
@@ -98,15 +88,15 @@ def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
     """A client of the scheduler, or of a new one with workers on this machine, which end with it."""
     from distributed import Client, LocalCluster
 
-    if scheduler is not None:
+    with contextlib.ExitStack() as stack:
+        where: Any = scheduler
+        if scheduler is None:
+            # Without a limit on memory: dask would pause and kill workers by how much they hold, which XLA decides.
+            options = {"memory_limit": 0, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+            cluster = LocalCluster(n_workers=workers, threads_per_worker=1, preload=[__name__], **options)
+            where = stack.enter_context(cluster)
         try:
-            client = Client(scheduler, timeout=SECONDS_TO_CONNECT)
+            client = stack.enter_context(Client(where, timeout=SECONDS_TO_CONNECT))
         except (OSError, ValueError) as reason:
             raise RaytraceError(f"--scheduler {scheduler}: {one_sentence(reason)}") from None
-        with client:
-            yield client
-        return
-    # Without a limit on memory: dask would pause and kill workers by how much they hold, which XLA decides.
-    options = {"threads_per_worker": 1, "memory_limit": 0, "dashboard_address": None, "silence_logs": logging.CRITICAL}
-    with LocalCluster(n_workers=workers, preload=[__name__], **options) as cluster, Client(cluster) as client:
         yield client

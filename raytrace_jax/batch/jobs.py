@@ -1,4 +1,4 @@
-"""A plan's jobs know all that determines their outcomes, and have names and labels made of that."""
+"""The jobs of a plan, with all that determines their outcomes, their names and their labels."""
 
 import dataclasses
 import functools
@@ -57,14 +57,6 @@ class Job:
         numbers = json.loads(json.dumps(parts), parse_int=float)  # 2 is the same as 2.0.
         return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]
 
-    @property
-    def shape(self) -> str:
-        """Jobs of equal shapes run the same compiled programs."""
-        # What differs between fits of one shape are numbers: where they start, their targets, the noise.
-        numbers = ("start", "fixed", "noise", "seed", "target", "target_name", "sigma")
-        options = {name: value for name, value in self.options.items() if name not in numbers}
-        return repr((self.kind, self.precision, self.settings, self.scene.structure, options))
-
 
 def expand(plan: BatchPlan) -> list[Job]:
     """All jobs of a plan: kind by kind, scene by scene, row by row, the last name of the grid running fastest."""
@@ -91,14 +83,6 @@ def job_scene(job: Job, values: Values | None = None) -> Scene:
     """A job's scene with its values, or with other ones; float64 needs `jax_enable_x64`."""
     dtype = np.dtype(jnp.float64 if job.precision == 64 else jnp.float32)
     return set_parameters(_parsed(job.scene, dtype), job.values if values is None else values)
-
-
-def by_shape(jobs: Sequence[Job]) -> list[list[Job]]:
-    """The jobs in groups of equal shapes, in the order in which shapes and jobs come; equal jobs come once."""
-    groups: dict[str, dict[str, Job]] = {}
-    for job in jobs:
-        groups.setdefault(job.shape, {}).setdefault(job.name, job)
-    return [list(group.values()) for group in groups.values()]
 
 
 def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
@@ -132,9 +116,6 @@ COMPONENTS = {
 
 OF_NOISE, TOTAL = ".standard_error", ".total_error"
 """Ends of the columns of an estimate's errors."""
-
-_DEVICES = re.compile(r"(?i)^(con|prn|aux|nul|com\d|lpt\d)(?=\.)")
-"""Names that Windows takes for a device, whatever follows the dot."""
 
 
 def value_cells(job: Job) -> Row:
@@ -177,7 +158,7 @@ def file_name(job: Job) -> str:
     pieces = [Path(value).stem if name == "scene" else f"{name}={value}" for name, value in job.varied]
     words = re.sub(r"[^\w.,=+-]", "_", ",".join(pieces) or Path(job.scene_name).stem, flags=re.ASCII)[:100]
     # The fingerprint tells jobs apart that look alike: other plans with the same folder vary the same names.
-    return _DEVICES.sub(r"\1_", words) + f"_{job.name[:8]}"
+    return f"{words}_{job.name[:8]}"
 
 
 def cell_text(cell: TableCell) -> str:

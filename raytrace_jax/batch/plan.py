@@ -1,16 +1,15 @@
-"""A plan is checked before any work: its names exist in every scene, and its values are possible there."""
+"""The plan of a batch, checked before any work: its names exist in every scene, its values are possible there."""
 
 import dataclasses
 import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-import jax
-
-from raytrace_jax.batch.plan_file import RANGE, Keys, PlanFile, Value, read_value, read_values, shown
-from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
+from raytrace_jax.batch.plan_file import RANGE, Keys, PlanError, PlanFile, Value, read_value, read_values, shown
+from raytrace_jax.errors import reworded
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.fixed import numbers_of, standard_deviation
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
@@ -28,7 +27,6 @@ class PlannedScene(NamedTuple):
     """A scene of a plan as its jobs have it, by its canonical text."""
 
     text: str
-    structure: str  # Is equal for scenes that can share a compiled program.
     settings: ResolvedSettings
     folder: str  # Where the paths of its textures begin.
     pictures: str  # A fingerprint of these; empty where it has none.
@@ -46,28 +44,24 @@ class PlanScenes:
         for name in names:
             if name in self.by_name:
                 raise file.error(("scenes",), f"names {name} twice.")
-            path, keys = file.path.parent / name, ("scenes",)
-            try:
+            path = file.path.parent / name
+            with reworded(partial(file.error, ("scenes",))):
                 scene = self.by_name[name] = load_scene(path, model=given.model)
-                keys = ("settings",)
+            with reworded(self._of_scene(("settings",), f"of {name}")):
                 settings = resolve_settings(scene, given)
-                keys = ("settings", "crop")
+            with reworded(self._of_scene(("settings", "crop"), f"of {name}")):
                 settings.window(scene.camera.pixeldim)
-            except SettingsError as reason:
-                raise file.error(keys, f"{str(reason).rstrip('.')} (of {name}).") from None
-            except RaytraceError as reason:
-                raise file.error(keys, str(reason)) from None
-            text, structure = format_scene(scene, model=settings.model), str(jax.tree.structure(scene))
-            folder = str(path.parent.absolute())
-            self.planned[name] = PlannedScene(text, structure, settings, folder, fingerprint(scene))
+            text, folder = format_scene(scene, model=settings.model), str(path.parent.absolute())
+            self.planned[name] = PlannedScene(text, settings, folder, fingerprint(scene))
+
+    def _of_scene(self, keys: Keys, which: str) -> Callable[[str], PlanError]:
+        return lambda words: self.file.error(keys, f"{words.rstrip('.')} ({which}).")
 
     def each(self, keys: Keys, attempt: Callable[[Scene], Any]) -> None:
         """Try something on every scene. Raises PlanError about the value in the plan where a parameter cannot be so."""
         for name, scene in self.by_name.items():
-            try:
+            with reworded(self._of_scene(keys, f"in {name}")):
                 attempt(scene)
-            except ParameterError as reason:
-                raise self.file.error(keys, f"{str(reason).rstrip('.')} (in {name}).") from None
 
 
 # In a plan `target_samples` is of targets that it renders; a fit finds out by itself what it was.
@@ -77,8 +71,7 @@ OPTIONS = tuple(field.name for field in dataclasses.fields(FitOptions) if field.
 """Options of a fit in a plan: a job draws no profiles, and its result does not depend on how fast the machine is."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Target:
+class Target(NamedTuple):
     """A target's file, and the SHA-256 of its contents."""
 
     name: str
@@ -90,15 +83,15 @@ class Target:
 class FitTable(Checked):
     """The table `[fit]` without the options of the fit itself."""
 
-    free: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', some=True)]
+    free: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', nonempty=True)]
     """The parameters to find."""
     targets: Annotated[tuple[str, ...], Wanted("an array of file names")] = ()
     """Files of targets; without them targets are rendered, with the values of the job."""
     target_samples: Annotated[int, Wanted(least=1, most=MAX_SAMPLES)] = 4
     """N x N rays in each pixel of a rendered target."""
-    noise: Annotated[tuple[float, ...], Wanted("numbers from 0 up", least=0, below=math.inf, some=True)] = (0.0,)
+    noise: Annotated[tuple[float, ...], Wanted("numbers from 0 up", least=0, below=math.inf, nonempty=True)] = (0.0,)
     """Standard deviations of the noise that is added to the targets."""
-    seeds: Annotated[tuple[int, ...], Wanted("whole numbers from 0 up", least=0, some=True)] = (0,)
+    seeds: Annotated[tuple[int, ...], Wanted("whole numbers from 0 up", least=0, nonempty=True)] = (0,)
     """Of the noise."""
 
 
@@ -127,21 +120,18 @@ def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
             for one in (name, value) if option == "ties" else (name,):
                 scenes.each(keys, lambda scene, name=one: scalar_names(scene, [name]))
     for name, (keys, amount) in file.parameters(("fit", "uncertain")).items():
-
-        def check(scene: Scene, name: str = name, amount: Any = amount) -> None:
-            for address in numbers_of(scene, name):
-                standard_deviation(scene, address, name, amount)
-
-        scenes.each(keys, check)
-    return FitPlan(table, start, tuple(_target(file, name) for name in table.targets), options)
-
-
-def _target(file: PlanFile, name: str) -> Target:
-    path = file.path.parent.absolute() / name
-    try:
-        return Target(name, str(path), hashlib.sha256(read_bytes(path)).hexdigest())
-    except RaytraceError as reason:
-        raise file.error(("fit", "targets"), f"{reason}.") from None
+        scenes.each(
+            keys,
+            lambda scene, name=name, amount=amount: [
+                standard_deviation(scene, address, name, amount) for address in numbers_of(scene, name)
+            ],
+        )
+    targets = []
+    for name in table.targets:
+        path = file.path.parent.absolute() / name
+        with reworded(lambda words: file.error(("fit", "targets"), f"{words}.")):
+            targets.append(Target(name, str(path), hashlib.sha256(read_bytes(path)).hexdigest()))
+    return FitPlan(table, start, tuple(targets), options)
 
 
 TOP_LEVEL = ("scenes", "precision", "settings", "set", "grid", "list", "render", "gradient", "fit")
@@ -155,7 +145,7 @@ Values = Mapping[str, Value]
 class Head(Checked):
     """The entries of a plan beside its tables."""
 
-    scenes: Annotated[tuple[str, ...], Wanted('file names, as ["vitreous.txt"]', some=True)]
+    scenes: Annotated[tuple[str, ...], Wanted('file names, as ["vitreous.txt"]', nonempty=True)]
     precision: Precision = 64
 
 
@@ -163,7 +153,7 @@ class Head(Checked):
 class GradientPlan(Checked):
     """The table `[gradient]`: by which parameters, and whether edges that move are seen."""
 
-    wrt: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', some=True)]
+    wrt: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', nonempty=True)]
     edges: EdgeMode = "aware"
 
 
@@ -234,11 +224,10 @@ def _check_values(file: PlanFile, scenes: PlanScenes, tables: Mapping[str, Mappi
 
 def _rows(file: PlanFile, columns: Mapping[str, tuple[Value, ...]]) -> tuple[Values, ...]:
     """The rows of the table `[list]`, whose columns have one length; one empty row if there is no such table."""
-    lengths = {name: len(values) for name, values in columns.items()}
-    first = next(iter(lengths), "")
-    for name, length in lengths.items():
-        if length != lengths[first]:
-            wanted = f"{lengths[first]} are wanted, as in {shown(first)}"
+    first = next(iter(columns), "")
+    for name, values in columns.items():
+        if len(values) != len(columns[first]):
+            wanted = f"{len(columns[first])} are wanted, as in {shown(first)}"
             keys, _ = file.parameters(("list",), RANGE)[name]
-            raise file.error(keys, f"has {length} values; {wanted}: the values of a list go together.")
+            raise file.error(keys, f"has {len(values)} values; {wanted}: the values of a list go together.")
     return tuple(dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)) or ({},)

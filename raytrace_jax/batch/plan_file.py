@@ -1,16 +1,15 @@
-"""A plan is a TOML file whose tables become dataclasses; an error names the file and the key."""
+"""The file of a plan, TOML, whose tables become dataclasses; an error names the file and the key."""
 
 import dataclasses
 import math
-import tomllib
 from collections.abc import Collection, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_origin
 
-from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
+from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError, reworded
 from raytrace_jax.util.checked import Checked, Wanted, core, hints, in_words, is_row, suits
 from raytrace_jax.util.digits import evenly_spaced
-from raytrace_jax.util.files import read_bytes
+from raytrace_jax.util.files import read_toml
 from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 T = TypeVar("T")
@@ -28,12 +27,7 @@ class PlanFile:
 
     def __init__(self, path: Path):
         self.path = path
-        try:
-            self.data = tomllib.loads(read_bytes(path).decode("utf-8-sig"))
-        except UnicodeDecodeError as reason:
-            raise PlanError(f"{path}: is not TOML: byte {reason.start} is not UTF-8.") from None
-        except tomllib.TOMLDecodeError as reason:
-            raise PlanError(f"{path}: is not TOML: {reason}.") from None
+        self.data = read_toml(path, PlanError)
 
     def error(self, keys: Keys, message: str) -> PlanError:
         """Return (for the caller to raise) the error about a value, or about the file where there are no `keys`."""
@@ -52,21 +46,19 @@ class PlanFile:
             if name in table and (name in names or not names):
                 value = table[name]
                 if get_origin(core(hint)) is Mapping:
-                    value = {}
-                    for one, (place, found) in self.parameters((*keys, name)).items():
-                        value[one] = found
-                        if not suits({one: found}, hint):
-                            raise self.error(place, f"is {shown(found)}; wanted {in_words(hint)}.")
+                    value = {one: found for one, (_, found) in self.parameters((*keys, name)).items()}
                 elif is_row(hint) and not isinstance(value, list):
                     value = [value]
                 given[name] = value
             elif field.default is field.default_factory is dataclasses.MISSING:
                 raise self.error(keys, f"needs {name}: {in_words(hint)}.")
-        try:
+
+        def refused(words: str) -> PlanError:
+            name, _, rest = words.partition(" ")
+            return self.error((*keys, name), rest)
+
+        with reworded(refused, (ParameterError, SettingsError)):
             return kind(**given)
-        except (ParameterError, SettingsError) as reason:
-            name, _, rest = str(reason).partition(" ")
-            raise self.error((*keys, name), rest) from None
 
     def table(self, keys: Keys, known: Iterable[str] | None = None) -> dict[str, Any]:
         """The table of that name, empty if it is missing; with `known`, only these names may be in it."""
@@ -83,9 +75,7 @@ class PlanFile:
         """A table of parameters: where each stands and what it is, by name.
 
         A name may be written as it is, which TOML takes for tables in tables, or in quotes: `vitreous.ior = 1.5` and
-        `"vitreous.ior" = 1.5` are the same.
-
-        A table that has a name of `leaf` is a value.
+        `"vitreous.ior" = 1.5` are the same. A table that has a name of `leaf` is a value.
 
         Raises:
             PlanError: it is not a table, or a parameter comes in both spellings.
@@ -110,8 +100,8 @@ class PlanFile:
         known = list(known)
         for name in names:
             if name not in known:
-                there = f"There are {listed(known)}."
-                raise self.error((*keys, name), f"there is no such name.{did_you_mean(name, known)} {there}")
+                close = did_you_mean(name, known)
+                raise self.error((*keys, name), f"there is no such name.{close} There are {listed(known)}.")
 
 
 def shown(value: object) -> str:

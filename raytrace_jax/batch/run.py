@@ -1,9 +1,9 @@
-"""Jobs run and leave files and a record; those of one shape run together, a failure without harm to the others."""
+"""The run of a job, its files and its record."""
 
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -12,12 +12,10 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, by_shape, file_name, job_scene
+from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, file_name, job_scene
 from raytrace_jax.batch.plan import OPTIONS
 from raytrace_jax.errors import RaytraceError, one_sentence
-from raytrace_jax.images.jpeg import jpeg_storage
-from raytrace_jax.images.masks import clipped_pixels
-from raytrace_jax.images.pictures import is_jpeg, read_picture
+from raytrace_jax.images import jpeg, masks, pictures
 from raytrace_jax.images.png import write_png
 from raytrace_jax.inverse.build_problem import as_file_says
 from raytrace_jax.inverse.estimate import fit
@@ -109,9 +107,9 @@ def fit_job(job: Job, folder: Path) -> Outcome:
     scene = set_parameters(job_scene(job, None if path else options["fixed"]), options["start"])
     how, weights, storage = FitOptions(**{name: options[name] for name in OPTIONS}), None, None
     if path:
-        how, picture = as_file_says(how, path, scene, options["free"]), read_picture(path)
-        weights = clipped_pixels(path, picture, "auto", clamps=job.settings.model != "physical").weights
-        storage = jpeg_storage(path) if is_jpeg(path) else None
+        how, picture = as_file_says(how, path, scene, options["free"]), pictures.read_picture(path)
+        weights = masks.clipped_pixels(path, picture, "auto", clamps=job.settings.model != "physical").weights
+        storage = jpeg.jpeg_storage(path) if pictures.is_jpeg(path) else None
         target = picture.astype(f"float{job.precision}")
     else:
         settings = dataclasses.replace(job.settings, samples=options["target_samples"])
@@ -176,31 +174,13 @@ def _mean(values: ArrayLike) -> float:
     return float(np.asarray(values).mean(dtype=np.float64))
 
 
-CHUNKS_EACH = 4
-"""A worker gets so many chunks where there are enough jobs: more make ends meet, fewer compile less often."""
-
-Chunk = tuple[Job, ...]
-"""Jobs of one shape that run one after the other in one process."""
-
-
-def chunks(jobs: Sequence[Job], folder: Path, workers: int = 1) -> list[Chunk]:
-    """Cut what is still to do into chunks, some for each worker, so that they end at about the same time."""
-    groups = by_shape([job for job in jobs if not is_done(folder, job)])
-    most = max(1, sum(map(len, groups)) // (CHUNKS_EACH * workers))
-    return [tuple(group[i : i + most]) for group in groups for i in range(0, len(group), most)]
-
-
-def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, JobRecord], None] | None = None) -> None:
-    """Run the jobs of a chunk that are not done yet, and write their records; a job that Ctrl-C meets gets none."""
-    for job in chunk:
-        if is_done(folder, job):
-            continue
-        began = time.perf_counter()
-        try:
-            record = run_job(job, folder)
-        except Exception as error:
-            record = JobRecord("failed", one_sentence(error))
-        record = dataclasses.replace(record, seconds=time.perf_counter() - began)
-        write_record(folder, job, record)
-        if on_done:
-            on_done(job, record)
+def run_and_record(job: Job, folder: Path) -> JobRecord:
+    """Run a job, write its record and return it; a job that Ctrl-C meets gets none."""
+    began = time.perf_counter()
+    try:
+        record = run_job(job, folder)
+    except Exception as error:
+        record = JobRecord("failed", one_sentence(error))
+    record = dataclasses.replace(record, seconds=time.perf_counter() - began)
+    write_record(folder, job, record)
+    return record

@@ -1,4 +1,4 @@
-"""A batch's folder has a table of its jobs, a page of them and a sheet of their pictures."""
+"""The table of a batch's jobs, the page of them and the sheet of their pictures."""
 
 import csv
 import importlib.util

@@ -1,4 +1,4 @@
-"""The command line is `raytrace-jax COMMAND`; `dispatch` has the table of commands."""
+"""The command line `raytrace-jax COMMAND`; `dispatch` has the table of commands."""
 
 import contextlib
 import os

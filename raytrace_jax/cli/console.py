@@ -1,15 +1,15 @@
-"""The user is told errors and messages on stderr, tables on stdout."""
+"""Errors and messages on stderr, tables on stdout."""
 
-import contextlib
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from contextvars import ContextVar
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from raytrace_jax.errors import RaytraceError
+from raytrace_jax.errors import ParameterError, SettingsError, reworded
 from raytrace_jax.util.text import aligned
 
 TYPED: ContextVar[tuple[str, ...]] = ContextVar("typed", default=())
@@ -20,13 +20,16 @@ class UsageError(Exception):
     """Options that parse but make no sense, alone or together (exit code 2)."""
 
 
-@contextlib.contextmanager
-def blamed_on(options: str) -> Iterator[None]:
-    """Make a refusal within the error of these options."""
-    try:
-        yield
-    except RaytraceError as reason:
-        raise UsageError(f"{options}: {reason}") from None
+def blamed_on(options: str = "") -> AbstractContextManager[None]:
+    """Make a refusal within the error of these options; without them, of the option whose name it begins with."""
+
+    def by_its_name(words: str) -> UsageError:
+        name, space, rest = words.partition(" ")
+        return UsageError(f"--{name.replace('_', '-')}{space}{rest}")
+
+    if options:
+        return reworded(lambda words: UsageError(f"{options}: {words}"))
+    return reworded(by_its_name, (SettingsError, ParameterError))
 
 
 def stderr_console(*, quiet: bool = False) -> Console:

@@ -1,4 +1,7 @@
-"""Arguments become an exit code: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 stopped."""
+"""The commands, and the way from arguments to an exit code.
+
+Exit codes: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 stopped.
+"""
 
 import functools
 import importlib
@@ -7,21 +10,19 @@ import io
 import operator
 import os
 import sys
-import tomllib
 import traceback
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import tyro
-from tyro.conf import subcommand
 
 from raytrace_jax.cli.console import UsageError, print_error, show_warning
-from raytrace_jax.cli.options import fits, option_names, scenes
+from raytrace_jax.cli.options import fits, scenes
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
 from raytrace_jax.scene.bundled import no_such_scene, scene_path
-from raytrace_jax.util.files import read_bytes, write_text
+from raytrace_jax.util.files import read_bytes, read_toml
 from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 
@@ -59,9 +60,6 @@ COMMANDS = {
 
 CONFIG = "--config"
 
-ALIASES = {"define": ("-D",), "output": ("-o",)}
-"""Short names of options."""
-
 
 def with_config(arguments: Sequence[str]) -> list[str]:
     """The arguments with those of the file that `--config` names, if it is there; what is given twice is the caller's.
@@ -69,50 +67,29 @@ def with_config(arguments: Sequence[str]) -> list[str]:
     A key of the file is an option without its dashes: `max-steps = 80`, `free = ["glass.ior"]`, `search = false` for
     `--no-search`, `size = [320, 240]`. A table gives `NAME=VALUE` to an option: `[define]` with `"glass.ior" = 1.5`.
     """
-    given = [place for place, argument in enumerate(arguments) if argument == CONFIG]
-    if not given:
+    if CONFIG not in arguments:
         return list(arguments)
-    place = given[0]
-    if len(given) > 1 or place + 1 == len(arguments):
-        raise UsageError(f"{CONFIG} takes one file, once.")
-    path = Path(arguments[place + 1])
+    place = arguments.index(CONFIG)
     others = [*arguments[:place], *arguments[place + 2 :]]
-    known = [*option_names(COMMANDS[others[0]].options)] if others and others[0] in COMMANDS else None
-    try:
-        table = tomllib.loads(read_bytes(path).decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
-        raise RaytraceError(f"{path}: this is no TOML: {reason}.") from None
-    for key in table:
-        if known and key.replace("-", "_") not in known:
-            there = f"{did_you_mean(key, known)} There are {listed(known)}."
-            raise UsageError(f"{path}: {key}: {others[0]} has no such option.{there}")
-    return others + [text for key, value in table.items() for text in _spelled(path, key, value, others)]
+    if CONFIG in others or place + 1 == len(arguments):
+        raise UsageError(f"{CONFIG} takes one file, once.")
+    found = []
+    for key, value in read_toml(Path(arguments[place + 1])).items():
+        name = key.replace("_", "-")
+        spellings, short = (f"--{name}", f"--no-{name}"), {"define": ("-D",), "output": ("-o",)}.get(name, ())
+        if any(word.partition("=")[0] in spellings or word.startswith(short) for word in others):
+            continue
+        if isinstance(value, dict):
+            texts = [f"{k}={','.join(_texts(v))}" for k, v in value.items()]
+        else:
+            texts = [] if isinstance(value, bool) else _texts(value)
+        found += [f"--no-{name}" if value is False else f"--{name}", *texts]
+    return others + found
 
 
-def _spelled(path: Path, key: str, value: object, others: Sequence[str]) -> list[str]:
-    """An entry of the file as arguments; none if the option is among the others."""
-    name = key.replace("_", "-")
-    option = f"--{name}"
-    spellings = (option, f"--no-{name}", *ALIASES.get(name, ()))
-    if any(argument.partition("=")[0] in spellings for argument in others):
-        return []
-    if name == "define" and any(argument.startswith("-D") and "=" in argument for argument in others):
-        return []
-    if isinstance(value, bool):
-        return [option if value else f"--no-{name}"]
-    if isinstance(value, Mapping):
-        return [text for k, v in value.items() for text in (option, f"{k}={','.join(_texts(path, key, v))}")]
-    return [option, *_texts(path, key, value)]
-
-
-def _texts(path: Path, key: str, value: object) -> list[str]:
-    """A text or number, or a row of them, as arguments."""
-    texts = []
-    for entry in value if isinstance(value, list) else [value]:
-        if isinstance(entry, bool) or not isinstance(entry, (str, int, float)):
-            raise UsageError(f"{path}: {key} is {entry!r}; an option takes texts and numbers, or a row of them.")
-        texts.append(entry if isinstance(entry, str) else repr(entry))
-    return texts
+def _texts(value: object) -> list[str]:
+    """A value of the file, or a row of them, as arguments."""
+    return [str(entry) for entry in value] if isinstance(value, list) else [str(value)]
 
 
 DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
@@ -122,7 +99,6 @@ Results go to stdout, progress and warnings to stderr. Exit codes: 0 fine, 1 run
 version this is. `--config FILE.toml` takes options of a command from a file: its keys are their names."""
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
-COMPLETION, SHELLS = "--tyro-write-completion", ("bash", "zsh", "fish")
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -162,28 +138,18 @@ def _run(arguments: Sequence[str]) -> int:
     if first and not first.startswith("-") and first not in COMMANDS:
         suggestion = did_you_mean(first, COMMANDS)
         raise UsageError(f"there is no command {quoted(first)}.{suggestion} Commands: {listed(COMMANDS)}.")
-    script = arguments[arguments.index(COMPLETION) + 1 :] if COMPLETION in arguments else ()
-    if COMPLETION in arguments and (len(script) < 2 or script[0] not in SHELLS):
-        raise UsageError(f"{COMPLETION} takes a shell and a file: {', '.join(SHELLS)}, as {COMPLETION} bash FILE.")
-    gathered = _gathered(with_config(arguments))
+    given = with_config(arguments)
     try:
         command = tyro.cli(
-            _union(named=bool(gathered) and gathered[0] in COMMANDS),
+            _union(named=bool(given) and given[0] in COMMANDS),
             prog="raytrace-jax",
             description=DESCRIPTION,
-            args=gathered,
+            args=given,
             # What is not given is None, which no one has to say.
             config=(tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone),
         )
     except SystemExit as stop:
-        if stop.code is None and script:
-            return _complete_files(Path(script[1]))
         return stop.code if isinstance(stop.code, int) else 0 if stop.code is None else USAGE
-    except UsageError as error:
-        # An option that is not among the arguments themselves comes from the file, which is told then.
-        typed = [argument.partition("=")[0] for argument in arguments]
-        is_filed = CONFIG in typed and str(error).split()[0] not in typed
-        raise UsageError(f"{arguments[typed.index(CONFIG) + 1]}: {error}" if is_filed else str(error)) from None
     name, module = next((name, entry.module) for name, entry in COMMANDS.items() if type(command) is entry.options)
     _check_files(command)
     with warnings.catch_warnings():
@@ -194,62 +160,14 @@ def _run(arguments: Sequence[str]) -> int:
         return getattr(actions, f"run_{name}")(command)
 
 
-def _complete_files(script: Path) -> int:
-    """Let a completion that tyro wrote name files wherever no option or command is begun, folders with their slash."""
-    text, end = script.read_text(encoding="utf-8"), "\n    return completions"
-    begun = 'current_word.startswith("-") or current_spec.get("subcommands")'
-    text = text.replace(f"{end}\n", f'{end} if {begun} else ["__TYRO_COMPLETE_FILES__"]\n')
-    text = text.replace('compgen -f -- "$cur"', 'compgen -f -- "${COMP_WORDS[COMP_CWORD]}"')
-    write_text(script, text.replace("complete -F ", "complete -o filenames -F "))
-    return 0
-
-
 def _union(named: bool) -> Any:
     """The type of all commands for tyro; with their help texts cut to one line, if none of them is `named`."""
     texts = {name: inspect.getdoc(entry.options) or "" for name, entry in COMMANDS.items()}
     shown = {name: text if named else text.splitlines()[0] for name, text in texts.items()}
-    members = [Annotated[COMMANDS[name].options, subcommand(name, description=text)] for name, text in shown.items()]
+    members = [
+        Annotated[COMMANDS[name].options, tyro.conf.subcommand(name, description=text)] for name, text in shown.items()
+    ]
     return functools.reduce(operator.or_, members)
-
-
-ASSIGNED = ("--tie", "--prior", "--uncertain")
-"""Options of `NAME=VALUE` texts that a mapping is made of."""
-
-NAMED = ("--free", "--wrt", "--profile", "--aov", "--over", "--only", "--also")
-"""Options of several words."""
-
-
-def _gathered(arguments: Sequence[str]) -> list[str]:
-    """The arguments with `-Dname=value` as `-D name=value`, and what comes several times gathered at the end.
-
-    What follows a `NAME=VALUE` and looks like another is one, unless it is a file's name.
-    """
-    others, gathered, option, has_value = list[str](), dict[str, list[str]](), "", False
-    for argument in arguments:
-        is_another = has_value and "=" in argument and not Path(argument).exists()
-        if argument.startswith("-D") and len(argument) > 2:
-            others += ["-D", argument[2:]]
-            option, has_value = "-D", True
-        elif argument.startswith("-"):
-            option, equals, value = argument.partition("=")
-            has_value = bool(equals)
-            if option in ASSIGNED + NAMED:
-                gathered.setdefault(option, []).extend([value] * has_value)
-            else:
-                others.append(argument)
-        elif (option in NAMED and not has_value) or (option in ASSIGNED and (is_another or not has_value)):
-            gathered[option].append(argument)
-            has_value = option in ASSIGNED
-        elif option in ("-D", "--define") and is_another:
-            others += [option, argument]
-        else:
-            others.append(argument)
-            option, has_value = (option, True) if not has_value else ("", False)
-    for option, values in gathered.items():
-        if option in ASSIGNED and not values:
-            raise UsageError(f"{option} is without its NAME=VALUE.")
-        others += [option, *values]
-    return others
 
 
 def _check_files(command: Any) -> None:

@@ -1,12 +1,11 @@
-"""Before the work the scene is read, and what could not be rendered or written is refused at once."""
+"""What comes before the work: reading the scene, and refusing at once what could not be rendered or written."""
 
 import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from raytrace_jax.cli.console import UsageError, print_warning
-from raytrace_jax.cli.options import as_usage_error
+from raytrace_jax.cli.console import UsageError, blamed_on, print_warning
 from raytrace_jax.errors import ParameterError, RaytraceError
 from raytrace_jax.scene.bundled import scene_folder
 from raytrace_jax.scene.checks import scene_warnings
@@ -45,7 +44,7 @@ def read_picture_scene(
     What is odd about the scene is said on stderr, and a window beside its picture is refused.
     """
     scene = read_scene(path, assignments, settings.model)
-    with as_usage_error():
+    with blamed_on():
         resolved = resolve_settings(scene, settings)
         resolved.window(scene.camera.pixeldim)
     for sentence in scene_warnings(scene, resolved.model):

@@ -1,4 +1,4 @@
-"""Progress is shown on stderr: on a terminal by something that changes, else by a line now and then."""
+"""Progress on stderr: on a terminal something that changes, else a line now and then."""
 
 import threading
 import time

@@ -16,6 +16,7 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.util.files import read_bytes
+from raytrace_jax.util.text import MILLIMETRES
 
 TURNS = {
     1: lambda picture: picture,
@@ -44,8 +45,8 @@ TOLD = {
 DIAGONAL_OF_FILM = math.hypot(36, 24)
 """The diagonal of a frame of 35 mm film, in millimetres."""
 
-MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
-"""Lengths of EXIF's units of the focal plane's resolution: inch, centimetre, millimetre, micrometre."""
+RESOLUTION_UNITS = {2: "in", 3: "cm", 4: "mm", 5: "um"}
+"""EXIF's units of the focal plane's resolution."""
 
 
 def orientation_of(path: str | os.PathLike[str]) -> int:
@@ -105,8 +106,8 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
     if as_on_film:
         pixels = as_on_film / DIAGONAL_OF_FILM * math.hypot(width, height)
         sensor = focal / pixels * width
-    elif focal and density and unit in MILLIMETRES:
-        sensor = (was[0] or width) / density * MILLIMETRES[unit]
+    elif focal and density and unit in RESOLUTION_UNITS:
+        sensor = (was[0] or width) / density * MILLIMETRES[RESOLUTION_UNITS[unit]]
         is_rotated = all(was) and (was[0] > was[1]) != (width > height)
         pixels = focal / sensor * (height if is_rotated else width)
     if not pixels:

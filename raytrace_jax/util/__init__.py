@@ -1,1 +1,1 @@
-"""Every room uses these and none owns them: numerics, compiling, files, sessions, words."""
+"""Shared helpers: numerics, compilation, files, sessions, text."""

@@ -1,4 +1,4 @@
-"""Work runs in another thread: a compilation cannot be interrupted, but whoever waits for it can be."""
+"""Work in another thread: a compilation cannot be interrupted, but whoever waits for it can be."""
 
 import contextlib
 import threading
@@ -10,12 +10,6 @@ import jax
 
 T = TypeVar("T")
 
-POLL = 0.2
-"""Seconds between two looks at whether the wait is over; on Windows Ctrl-C is noticed only then."""
-
-GRACE = 0.5
-"""Seconds that work has to come to its end once it was asked to stop: most steps have, few compilations."""
-
 
 def run_beside(work: Callable[[], T], check: Callable[[], None], stop: Callable[[], None]) -> T:
     """Return what `work()` returns, or raise what it raises; it is left behind should the wait for it end before.
@@ -23,7 +17,7 @@ def run_beside(work: Callable[[], T], check: Callable[[], None], stop: Callable[
     Args:
         work: what is done in another thread, with this one's settings of JAX.
         check: called in this thread now and then; what it raises ends the wait, as Ctrl-C does.
-        stop: called once when the wait ends before the work: asks it to stop. It has `GRACE` to do so.
+        stop: called once when the wait ends before the work: asks it to stop. It has half a second to do so.
     """
     settings, outcome = thread_settings(), Future[T]()
 
@@ -37,19 +31,19 @@ def run_beside(work: Callable[[], T], check: Callable[[], None], stop: Callable[
     threading.Thread(target=run, name="fit").start()
     try:
         while not outcome.done():
-            wait([outcome], POLL)
+            wait([outcome], 0.2)  # On Windows Ctrl-C is noticed only in between.
             if not outcome.done():
                 check()
     except BaseException:
         stop()
         with contextlib.suppress(KeyboardInterrupt):  # Who asks twice does not wait.
-            wait([outcome], GRACE)
+            wait([outcome], 0.5)
         raise
     return outcome.result()
 
 
 class CompileAhead:
-    """A thread beside, for as long as a `with` block lasts, that does one work after the other.
+    """A one-worker executor that compiles ahead of need, for as long as a `with` block lasts.
 
     What is begun when the block ends goes on to its end, unseen; what is not begun is dropped.
     """
@@ -64,7 +58,7 @@ class CompileAhead:
         self.thread.shutdown(wait=False, cancel_futures=True)
 
     def add(self, work: Callable[[], object]) -> None:
-        """Do this next. Should it fail, whoever needs its outcome fails at the same place, and tells."""
+        """Do this next. Errors are dropped here; the caller compiles again and meets the same error."""
         settings = thread_settings()
 
         def run() -> None:

@@ -1,4 +1,4 @@
-"""Options are dataclasses whose annotations say what each can be: one check serves Python, command line and plans."""
+"""Dataclasses whose annotations say what each option can be: one check serves Python, command line and plans."""
 
 import dataclasses
 import functools
@@ -21,22 +21,25 @@ class Wanted(NamedTuple):
     most: float = math.inf
     above: float | None = None  # The number may not reach this, nor `below`.
     below: float | None = None
-    some: bool = False  # Whether a row has one entry at least.
+    nonempty: bool = False  # Whether a row has one entry at least.
 
     def holds(self, number: Any) -> bool:
-        """Whether a number is within the limits; NaN is not."""
-        above = self.above is None or number > self.above
-        return bool(self.least <= number <= self.most and above and (self.below is None or number < self.below))
+        """Whether a number is within the limits; NaN is not, nor is an integer beyond all floats."""
+        try:
+            number = float(number)
+        except (OverflowError, TypeError, ValueError):
+            return False
+        is_above = self.above is None or number > self.above
+        return self.least <= number <= self.most and is_above and (self.below is None or number < self.below)
 
     @property
     def limits(self) -> str:
         """The limits in words."""
-        if self.above is not None:
-            return f" greater than {self.above}"
-        if self.least > -math.inf and (self.most, self.below) == (math.inf, None):
+        if self.least == -math.inf:
+            return ""
+        if (self.most, self.below) == (math.inf, None):
             return f", {self.least} or more"
-        last = f"less than {self.below}" if self.below is not None else self.most
-        return f" from {self.least} to {last}" if self.least > -math.inf else ""
+        return f" from {self.least} to {self.most if self.below is None else f'less than {self.below}'}"
 
 
 class Checked:
@@ -52,9 +55,9 @@ class Checked:
         for name, hint in hints(type(self)).items():
             value = getattr(self, name)
             if not suits(value, hint):
-                texts = [value] if isinstance(value, str) else value if isinstance(value, Sequence) else ()
-                unknown = [text for text in texts if isinstance(text, str) and text not in words_of(hint)]
-                close = did_you_mean(unknown[0], words_of(hint)) if unknown and words_of(hint) else ""
+                texts = value if isinstance(value, list | tuple) else (value,)
+                unknown = next((text for text in texts if isinstance(text, str) and text not in words_of(hint)), "")
+                close = did_you_mean(unknown, map(str, words_of(hint)))
                 raise self.refused(f"{name} is {value!r}; wanted {in_words(hint)}.{close}")
             if is_row(hint) and value is not None:
                 kind = core(get_args(core(hint))[0])
@@ -100,37 +103,27 @@ def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
         # A number of NumPy or JAX is one, too.
         is_one = isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
         is_one = is_one or (hint is float and getattr(value, "shape", None) == ())
-        return is_one and _is_float(value) and (limits or Wanted()).holds(value)
+        return is_one and (limits or Wanted()).holds(value)
     if origin is Mapping:
         return isinstance(value, Mapping) and all(suits(k, kinds[0]) and suits(v, kinds[1]) for k, v in value.items())
     if origin in (tuple, Sequence):
         is_row = isinstance(value, Sequence) and not isinstance(value, str | bytes)
         if not is_row and len(getattr(value, "shape", ())) != 1:
             return False
-        if limits and limits.some and not len(value):
+        if limits and limits.nonempty and not len(value):
             return False
         each = kinds[:1] * len(value) if origin is Sequence or kinds[-1] is ... else kinds
         return len(each) == len(value) and all(suits(v, kind, limits) for v, kind in zip(value, each, strict=True))
     return isinstance(value, hint)
 
 
-def _is_float(number: Any) -> bool:
-    """Whether a number has a float: there are integers beyond them."""
-    try:
-        float(number)
-    except (OverflowError, TypeError, ValueError):
-        return False
-    return True
-
-
 def in_words(hint: Any) -> str:
     """An annotation in words."""
-    said, kind = wanted(hint), core(hint)
+    said, kind, words = wanted(hint), core(hint), words_of(hint)
     if said.words:
         return said.words
-    if words_of(kind):
-        many = "names among " if get_origin(kind) is tuple else "one of "
-        return many + ", ".join(map(str, words_of(kind)))
+    if words:
+        return ("names among " if is_row(hint) else "one of ") + ", ".join(map(str, words))
     return {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}[kind] + said.limits
 
 

@@ -1,116 +1,26 @@
-"""Programs are compiled by `jit` with the options that were measured to help on the CPU, and kept for later processes.
+"""The compilation of programs with the options that were measured to help on the CPU.
 
 A program is compiled once for each kind of arguments, by the thread that asks first: `Jitted.prepare` in one thread
-lets another find it ready. JAX keeps compiled programs by itself, but by what tracing gave: a process has to trace each
-program to find it, which takes longer than to run it. Here what tracing gave is found by what it was traced from: the
-function, its static arguments, the kinds of its arrays, and the text of this package.
+lets another find it ready. `kept_programs` has its trace for later processes.
 """
 
-import contextlib
 import functools
-import hashlib
 import inspect
-import os
-import pickle
-import sys
 import threading
 import weakref
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 from jax.core import Tracer
-from jax.export import Exported, deserialize, export
+from jax.export import Exported, export
 
-from raytrace_jax.util.files import atomic_write
+from raytrace_jax.util.kept_programs import TracedProgram, load_program, program_path, save_program
 from raytrace_jax.util.numerics import with_lower_ranks
-
-PACKAGE = __name__.partition(".")[0]
-
-MOST_BYTES = 1_000_000_000
-"""Room that programs may take, ours and JAX's, up to a megabyte each: of more, the oldest go."""
 
 EXPORTED = "_exported"
 """End of the name of a program that is compiled from what was kept."""
-
-_folder: Path | None = None
-
-
-def keep_programs(folder: Path | None) -> None:
-    """Keep programs in a folder that can be written, JAX's own, from now on; in none if it is None."""
-    global _folder
-    _folder = folder
-
-
-class TracedProgram(NamedTuple):
-    """A traced and lowered program, from a list of arrays to that of the results, with the results' tree."""
-
-    exported: Exported
-    structure: Any
-
-
-def load_program(path: Path | None) -> TracedProgram | None:
-    """The program that was kept in a file, if there is one that can be used."""
-    if path is None or not path.exists():
-        return None
-    try:
-        stored, example = pickle.loads(path.read_bytes())
-        exported = deserialize(bytearray(stored))
-        os.utime(path)
-        return TracedProgram(exported, jax.tree.structure(example))
-    except Exception:  # Whatever may be wrong with a file of a cache: it can be made anew.
-        return None
-
-
-def save_program(path: Path, program: TracedProgram) -> None:
-    """Keep a program, if it can be kept."""
-    # A program that cannot be stored, or a disk that is full, costs the next process time and nothing else.
-    with contextlib.suppress(Exception):
-        # A structure cannot be stored, what has it can.
-        example = jax.tree.unflatten(program.structure, range(program.structure.num_leaves))
-        content = pickle.dumps((bytes(program.exported.serialize()), example))
-        with atomic_write(path) as temporary:
-            temporary.write_bytes(content)
-        _make_room(path.parents[2])
-
-
-def _make_room(folder: Path) -> None:
-    ours_and_jax_s = [*folder.glob("programs/*/*"), *folder.glob("jit_*-cache")]
-    files = [(file.stat().st_mtime, file.stat().st_size, file) for file in ours_and_jax_s]
-    total = sum(size for _, size, _ in files)
-    for _, size, file in sorted(files):
-        if total <= MOST_BYTES:
-            break
-        file.unlink(missing_ok=True)
-        total -= size
-
-
-def _program_path(function: Callable, key: Hashable) -> Path | None:
-    """The file of a program; None where none is kept.
-
-    Functions within functions depend on what they enclose, others' functions on what we do not see: not kept.
-    """
-    name = f"{function.__module__}.{function.__qualname__}"
-    if _folder is None or not name.startswith(f"{PACKAGE}.") or "<" in name:
-        return None
-    digest = hashlib.sha256(repr((name, key)).encode()).hexdigest()
-    return _folder / "programs" / _fingerprint() / f"{function.__name__}-{digest[:32]}"
-
-
-@functools.cache
-def _fingerprint() -> str:
-    """Digest of all else that tracing depends on: our text, the libraries, the platform."""
-    found = hashlib.sha256()
-    root = Path(__file__).parents[1]
-    for file in sorted(root.rglob("*.py")):
-        found.update(str(file.relative_to(root)).encode() + file.read_bytes())
-    libraries = [version(name) for name in ("jax", "jaxlib", "equinox", "numpy")]
-    found.update(repr((libraries, sys.version, jax.default_backend())).encode())
-    return found.hexdigest()[:16]
-
 
 CPU_OPTIONS = {
     # The older loop emitters compile in half the time and run this kind of code twice as fast.
@@ -144,17 +54,6 @@ def _is_known(name: str, value: bool | int | str) -> bool:
     return True
 
 
-class Program(NamedTuple):
-    """A compiled program, called with a list of arrays, and the tree of its results."""
-
-    compiled: jax.stages.Compiled
-    structure: Any
-
-    def __call__(self, leaves: list[Any]) -> Any:
-        """The results for these arrays."""
-        return jax.tree.unflatten(self.structure, self.compiled(leaves))
-
-
 class Jitted:
     """A pure function, compiled with `compiler_options` for each kind of arguments.
 
@@ -171,7 +70,7 @@ class Jitted:
         function = self.function = with_lower_ranks(function)
         self.static = {static_argnames} if isinstance(static_argnames, str) else set(static_argnames)
         self.signature = inspect.signature(function)
-        self.programs: dict[Hashable, Future] = {}
+        self.programs: dict[Hashable, Future[Callable[[list[Any]], Any]]] = {}
         self.lock = threading.Lock()
         self.within = jax.jit(function, static_argnames=tuple(self.static))
         ALL_JITTED.add(self)
@@ -194,54 +93,47 @@ class Jitted:
         arrays = {name: value for name, value in bound.arguments.items() if name not in self.static}
         return _Call(static, *jax.tree.flatten(arrays))
 
-    def _program(self, call: "_Call") -> Program:
+    def _program(self, call: "_Call") -> Callable[[list[Any]], Any]:
+        """The compiled program for such arguments: from their arrays to the function's results."""
         # Settings that a program depends on besides its arguments.
         names = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_device")
         surroundings = *(getattr(jax.config, name) for name in names), jax.device_count()
         key = tuple(call.static.items()), call.structure, tuple(map(_leaf_key, call.leaves)), surroundings
         with self.lock:
-            place = self.programs.get(key)
-            is_new = place is None
-            if place is None:
-                place = self.programs[key] = Future()
+            is_new = key not in self.programs
+            program = self.programs.setdefault(key, Future())
         if is_new:
             try:
-                UNDER_WAY.append(key)
-                place.set_result(self._load_or_compile(call, key))
+                program.set_result(self._load_or_compile(call, key))
             except BaseException as error:
-                # Whoever waits is told, whoever comes later tries again.
+                # Waiters get the exception; the key is freed for a retry.
                 self.programs.pop(key, None)
-                place.set_exception(error)
-                raise
-            finally:
-                UNDER_WAY.remove(key)
-        return place.result()
+                program.set_exception(error)
+        return program.result()
 
-    def _load_or_compile(self, call: "_Call", key: Hashable) -> Program:
-        path = _program_path(self.function, key)
-        traced = load_program(path)
-        if traced is None:
-            structure = None
+    def _load_or_compile(self, call: "_Call", key: Hashable) -> Callable[[list[Any]], Any]:
+        path = program_path(self.function, key)
+        traced = load_program(path) if path else None
+        if traced:
+            return _unflattened(_compiled(traced.exported, call.leaves), traced.structure)
+        structure = None
 
-            @functools.wraps(self.function)
-            def function(leaves):
-                nonlocal structure
-                given = {**jax.tree.unflatten(call.structure, leaves), **call.static}
-                # In the order of the signature, by place what can be: JAX's transformations ask for that.
-                bound = inspect.BoundArguments(
-                    self.signature, {name: given[name] for name in self.signature.parameters if name in given}
-                )
-                result = self.function(*bound.args, **bound.kwargs)
-                leaves, structure = jax.tree.flatten(result)
-                return leaves
+        @functools.wraps(self.function)
+        def function(leaves):
+            nonlocal structure
+            given = {**jax.tree.unflatten(call.structure, leaves), **call.static}
+            # In the order of the signature, by place what can be: JAX's transformations ask for that.
+            ordered = {name: given[name] for name in self.signature.parameters if name in given}
+            bound = inspect.BoundArguments(self.signature, ordered)  # pyright: ignore[reportArgumentType]
+            leaves, structure = jax.tree.flatten(self.function(*bound.args, **bound.kwargs))
+            return leaves
 
-            jitted = jax.jit(function, compiler_options=compiler_options())
-            if path is None:
-                return Program(jitted.lower(call.leaves).compile(), structure)
-            exported = export(jitted)(call.leaves)
-            traced = TracedProgram(exported, structure)
-            save_program(path, traced)
-        return Program(_compiled(traced.exported, call.leaves), traced.structure)
+        jitted = jax.jit(function, compiler_options=compiler_options())
+        if path is None:
+            return _unflattened(jitted.lower(call.leaves).compile(), structure)
+        exported = export(jitted)(call.leaves)
+        save_program(path, TracedProgram(exported, structure))
+        return _unflattened(_compiled(exported, call.leaves), structure)
 
 
 class _Call(NamedTuple):
@@ -250,6 +142,11 @@ class _Call(NamedTuple):
     static: dict[str, Any]
     leaves: list[Any]
     structure: Any
+
+
+def _unflattened(compiled: jax.stages.Compiled, structure: Any) -> Callable[[list[Any]], Any]:
+    """A compiled program whose results have their tree again."""
+    return lambda leaves: jax.tree.unflatten(structure, compiled(leaves))
 
 
 def _compiled(exported: Exported, leaves: list[Any]) -> jax.stages.Compiled:
@@ -272,13 +169,9 @@ ALL_JITTED: weakref.WeakSet[Jitted] = weakref.WeakSet()
 """Every function that was jitted, so that all can forget what they compiled."""
 
 
-UNDER_WAY: list[Hashable] = []
-"""The keys of the programs that are being traced and compiled."""
-
-
 def is_compiling() -> bool:
     """Whether a program is being compiled."""
-    return bool(UNDER_WAY)
+    return any(not program.done() for jitted in ALL_JITTED for program in list(jitted.programs.values()))
 
 
 def forget_programs() -> None:

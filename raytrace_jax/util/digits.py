@@ -1,4 +1,4 @@
-"""Numbers are written with the fewest digits that read back to the same bits, estimates with the digits that count."""
+"""Numbers in the fewest digits that read back to the same bits, estimates in the digits that count."""
 
 import math
 from decimal import Decimal

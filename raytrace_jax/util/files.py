@@ -1,4 +1,4 @@
-"""Files are either whole or absent: they are written beside the target and renamed, and read with clear errors."""
+"""Files that are either whole or absent: written beside the target and renamed, and read with clear errors."""
 
 import contextlib
 import difflib
@@ -7,8 +7,10 @@ import json
 import math
 import os
 import secrets
+import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from raytrace_jax.errors import RaytraceError
 
@@ -72,6 +74,16 @@ def read_bytes(path: str | os.PathLike[str], *, count: int = -1, error: type[Ray
         raise error(f"{path}: cannot be read: {cause.strerror}") from cause
 
 
+def read_toml(path: Path, error: type[RaytraceError] = RaytraceError) -> dict[str, Any]:
+    """The contents of a TOML file. Raises RaytraceError as `read_bytes`, and `error` if it is none."""
+    try:
+        return tomllib.loads(read_bytes(path).decode("utf-8-sig"))
+    except UnicodeDecodeError as reason:
+        raise error(f"{path}: is not TOML: byte {reason.start} is not UTF-8.") from None
+    except tomllib.TOMLDecodeError as reason:
+        raise error(f"{path}: is not TOML: {reason}.") from None
+
+
 def write_failure(cause: OSError, folder: Path) -> str:
     """Why nothing could be written in a folder, in words."""
     if cause.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
@@ -88,11 +100,8 @@ def write_failure(cause: OSError, folder: Path) -> str:
 def _close_matches(path: Path) -> str:
     if not path.parent.is_dir():
         return f" (nor the folder {path.parent})"
-    near = []
-    for name in (other.name for other in path.parent.iterdir() if abs(len(other.name) - len(path.name)) <= 2):
-        blocks = difflib.SequenceMatcher(None, path.name, name).get_matching_blocks()
-        near.append((max(len(path.name), len(name)) - sum(block.size for block in blocks), name))
-    matches = [name for apart, name in sorted(near) if apart <= 2][:3]
+    names = (other.name for other in path.parent.iterdir())
+    matches = difflib.get_close_matches(path.name, names, cutoff=0.8)
     return f"; did you mean {' or '.join(matches)}?" if matches else ""
 
 

@@ -1,4 +1,4 @@
-"""Programs of ours, the command line and a batch's workers, set JAX up, and see how much memory there is."""
+"""The setup of JAX in programs of ours, the command line and a batch's workers, and the memory that is free."""
 
 import contextlib
 import os
@@ -10,9 +10,7 @@ from pathlib import Path
 
 import jax
 
-from raytrace_jax.util.compilation import keep_programs
-
-MOST_DEVICES = 8
+from raytrace_jax.util.kept_programs import keep_programs
 
 
 @contextlib.contextmanager
@@ -20,11 +18,11 @@ def jax_session(precision: int, devices: int | None = None) -> Iterator[None]:
     """Run JAX with 32 or 64 bits, on all cores, and with compiled programs kept from one process to the next.
 
     Cores and cache can be chosen only before JAX starts: in a process that uses it already they stay as they are.
-    Without a number of `devices` all cores are taken, up to `MOST_DEVICES`. May warn as `enable_compile_cache`.
+    Without a number of `devices` all cores are taken, up to 8. May warn as `enable_compile_cache`.
     """
     # macOS and Windows do not tell how many cores this process may use.
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if _use_cores(devices or min(cores, MOST_DEVICES)):
+    if _use_cores(devices or min(cores, 8)):
         enable_compile_cache()
     with jax.enable_x64(precision == 64):
         yield
@@ -74,15 +72,9 @@ def enable_compile_cache(folder: str | os.PathLike[str] | None = None) -> None:
 
 def cache_folder() -> Path:
     """The folder for compiled programs: `raytrace-jax` in the user's cache folder, by the platform's custom."""
-    if os.environ.get("XDG_CACHE_HOME"):
-        base = Path(os.environ["XDG_CACHE_HOME"])
-    elif sys.platform == "win32" and os.environ.get("LOCALAPPDATA"):
-        base = Path(os.environ["LOCALAPPDATA"])
-    elif sys.platform == "darwin":
-        base = Path("~/Library/Caches").expanduser()
-    else:
-        base = Path("~/.cache").expanduser()
-    return base / "raytrace-jax"
+    usual = "~/Library/Caches" if sys.platform == "darwin" else "~/.cache"
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or usual
+    return Path(base).expanduser() / "raytrace-jax"
 
 
 CGROUP = Path("/sys/fs/cgroup")
@@ -97,35 +89,24 @@ def free_memory() -> int | None:
 
 
 def _bounds() -> Iterator[int]:
-    used = 0
-    try:
+    with contextlib.suppress(ImportError, AttributeError, OSError, ValueError):  # Windows has none of it.
+        import resource
+
+        page = os.sysconf("SC_PAGE_SIZE")
+        yield page * os.sysconf("SC_PHYS_PAGES")
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        used = page * int(Path("/proc/self/statm").read_text().split()[0])
+        if limit != resource.RLIM_INFINITY:
+            yield max(limit - used, 0)
+    with contextlib.suppress(OSError, ValueError, KeyError):
         fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
         yield 1024 * int(fields["MemAvailable"].split()[0])
-        used = os.sysconf("SC_PAGE_SIZE") * int(Path("/proc/self/statm").read_text().split()[0])
-    except (OSError, ValueError, KeyError):
-        try:
-            yield os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-        except (AttributeError, OSError, ValueError):  # Windows.
-            return
-    yield from _of_container()
-    try:
-        import resource
-    except ImportError:
-        return
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit != resource.RLIM_INFINITY:
-        yield max(limit - used, 0)
-
-
-def _of_container() -> Iterator[int]:
-    """The memory that a container's control group leaves, of either version; its pages of files can be given back."""
+    # Control groups of either version, of a container, say; their pages of files can be given back.
     for group, limit, usage, files in (
         (CGROUP, "memory.max", "memory.current", "file"),
         (CGROUP / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_cache"),
     ):
-        try:
-            most, used = (int((group / name).read_text()) for name in (limit, usage))
+        with contextlib.suppress(OSError, ValueError):  # There is none, or it has no limit ("max").
+            most, taken = (int((group / name).read_text()) for name in (limit, usage))
             kept = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
-            yield max(most - used + int(kept.get(files, 0)), 0)
-        except (OSError, ValueError):  # There is none, or it has no limit ("max").
-            continue
+            yield max(most - taken + int(kept.get(files, 0)), 0)

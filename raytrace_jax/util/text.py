@@ -1,4 +1,4 @@
-"""Words for people, and numbers and lengths that they write; free of NumPy, for the help of commands."""
+"""Words for people, and the numbers and lengths that people write; free of NumPy, for the help of commands."""
 
 import contextlib
 import difflib

@@ -2,13 +2,14 @@
 
 import dataclasses
 import json
-from typing import get_args
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
 from command_line import run
 from fake_fit import VITREOUS, fake_result
 from PIL import Image
+from tyro.conf import Positional, Suppress
 
 import raytrace_jax
 from raytrace_jax import (
@@ -23,7 +24,7 @@ from raytrace_jax import (
     write_png,
 )
 from raytrace_jax.cli.dispatch import COMMANDS
-from raytrace_jax.cli.options import RenderOptions, option_names
+from raytrace_jax.cli.options import RenderOptions
 from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.inverse.result import Status
 from raytrace_jax.tracer.derivatives import finite_differences
@@ -77,7 +78,7 @@ def with_a_bad_pixel(values):
 def test_derivatives_with_a_bad_pixel_are_written_and_the_pixel_named(tmp_path, capsys, replace_work):
     zeros = np.zeros((3, 12, 16))
     found = PictureDerivatives(zeros + 0.5, ("vitreous.ior",), with_a_bad_pixel(zeros[None] + 1), ("",))
-    replace_work("grad", lambda *_: found)
+    replace_work("pictures.picture_derivatives", lambda *_: found)
     assert run("grad", VITREOUS, "--wrt", "vitreous.ior", "-o", tmp_path / "a.exr", *SMALL, "--quiet") == 1
     assert "1 pixel is NaN or infinite: row 2, column 3, in the picture or a derivative." in capsys.readouterr().err
     channels = read_exr(tmp_path / "a.exr").channels
@@ -108,7 +109,7 @@ def test_every_render_option_reaches_the_settings(replace_work, tmp_path):
         seen.append((scene, settings))
         raise MemoryError  # There is no need for a picture.
 
-    replace_work("render", record)
+    replace_work("render.render", record)
     options = "--reflectance none --eta physical --max-bounces 3 --samples 2 --mapping center --size 40 30"
     options += " --crop 1 2 3 4 --no-total-internal-reflection --no-second-root --no-reflection --precision 32"
     options += " --edges aware --binning 2 --path-limit 50"
@@ -243,7 +244,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, replace_work, cap
             on_step(step)
         return expected
 
-    replace_work("fit", fit)
+    replace_work("fit.fit", fit)
     write_png(tmp_path / "target.png", expected.pictures.target)
     write_png(tmp_path / "mask.png", np.ones_like(expected.pictures.target))
     options = ["--size", 40, 30, "--blur", 2, 0, "--max-steps", 7, "--max-seconds", 9.5, "--eta", "physical"]
@@ -292,13 +293,24 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, replace_work, cap
     assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == status
 
 
+def option_names(options):
+    """The options of a command, as `max_steps`, those of its parts included; its positional arguments are none."""
+    hints = get_type_hints(options, include_extras=True)
+    marks = {Positional[int].__metadata__[0], Suppress[int].__metadata__[0]}
+    for field in dataclasses.fields(options):
+        if dataclasses.is_dataclass(field.default):
+            yield from option_names(type(field.default))
+        elif not marks.intersection(getattr(hints[field.name], "__metadata__", ())):
+            yield "define" if field.name == "assignments" else field.name
+
+
 def test_every_command_explains_every_option(capsys):
     for name, entry in COMMANDS.items():
         assert run(name, "--help") == 0
         text = " ".join(capsys.readouterr().out.replace("│", " ").split())
         assert "--correlations" not in text
         for option in option_names(entry.options):
-            assert "-D NAME=VALUE" in text if option == "define" else f"--{option.replace('_', '-')}" in text
+            assert f"--{option.replace('_', '-')}" in text
         for field in dataclasses.fields(entry.options):
             if field.name in ("scene", "target"):
                 assert f" {field.name.upper()} " in text

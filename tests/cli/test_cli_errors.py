@@ -87,7 +87,7 @@ BAD_INPUT = [
     (2, ["board", "-o", "board.png"], ["--screen and --pixels say how large it is"]),
     (2, ["board", "-o", "my board.pdf"], ["'my board_texture.png': the scene's file names this picture"]),
     (1, ["board", "-o", "file/board.pdf"], ["is not a folder"]),
-    (2, [*SCREEN, "27in", "--pixels", 640, 480, "--paper", "a4"], ["--paper a4 is for a board to"]),
+    (2, [*SCREEN, "27in", "--pixels", 640, 480, "--paper", "a4"], ["--paper is for a board to"]),
     (2, [*SCREEN, "27", "--pixels", 640, 480], ["--screen: '27': it has no unit"]),
     (2, [*SCREEN, "27in", "--pixels", 30, 30], ["with 20 pixels a square and a margin, has room"]),
     (2, [*BOARD, "--square", "20cm"], ["A4 with a margin has room for 1 x 0 squares"]),
@@ -101,10 +101,11 @@ def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch,
     def never(*_, **__):
         raise AssertionError("work has begun")
 
-    for command in ("render", "fit", "grad", "rays", "sweep"):
-        replace_work(command, never)
-    for work in ("tracer.derivatives.render", "cli.actions.explain.make_server"):
-        monkeypatch.setattr(f"raytrace_jax.{work}", never)
+    for work in ("render.render", "fit.fit", "pictures.picture_derivatives", "pictures.render"):
+        replace_work(work, never)
+    for work in ("explain.draw_tree", "explain.make_server"):
+        replace_work(work, never)
+    monkeypatch.setattr("raytrace_jax.tracer.derivatives.render", never)
     monkeypatch.setenv("PATH", "")  # Without ffmpeg.
     monkeypatch.chdir(tmp_path)
     Path("folder.exr").mkdir()
@@ -172,7 +173,7 @@ def test_what_fails_on_the_way_is_one_message(error, code, words, tmp_path, monk
     def fail(*_):
         raise error
 
-    replace_work("render", fail)
+    replace_work("render.render", fail)
     assert run("render", VITREOUS, "-o", tmp_path / "a.exr", *SMALL) == code
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.startswith("error: ") and captured.err.count("\n") == 1

@@ -26,31 +26,17 @@ TARGET = np.random.default_rng(0).uniform(size=(3, 30, 40))
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"),
-    [("cyan.ior=vitreous.ior", ("cyan.ior", "vitreous.ior")), ("odd=name.ior=ball.ior", ("odd=name.ior", "ball.ior"))],
-)
-def test_a_tie_is_a_follower_and_its_leader(text, expected):
-    assert parse_tie(text) == expected
-
-
-@pytest.mark.parametrize("text", ["x", "", "=", "a.ior=", "=b.ior", " = "])
-def test_what_is_no_tie_is_refused_with_the_way_to_write_one(text):
-    with pytest.raises(UsageError) as caught:
-        parse_tie(text)
-    assert str(caught.value) == f"--tie {text}: write NAME=FREE, as cyan.ior=vitreous.ior."
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
+    ("read", "text", "expected"),
     [
-        ("ball.radius=2.3+-0.01", ("ball.radius", (2.3, 0.01))),
-        ("ball.radius=2.3±0.01", ("ball.radius", (2.3, 0.01))),
-        (" ball.radius = 2.3 +- 0.01 ", ("ball.radius", (2.3, 0.01))),
-        ("ball.center.z=-1e-3 ± 2E+1", ("ball.center.z", (-1e-3, 20.0))),
+        (parse_tie, "cyan.ior=vitreous.ior", ("cyan.ior", "vitreous.ior")),
+        (parse_tie, "odd=name.ior=ball.ior", ("odd=name.ior", "ball.ior")),
+        (parse_prior, "ball.radius=2.3±0.01", ("ball.radius", (2.3, 0.01))),
+        (parse_prior, " ball.radius = 2.3 +- 0.01 ", ("ball.radius", (2.3, 0.01))),
+        (parse_prior, "ball.center.z=-1e-3 ± 2E+1", ("ball.center.z", (-1e-3, 20.0))),
     ],
 )
-def test_a_prior_is_a_name_a_mean_and_a_standard_deviation(text, expected):
-    assert parse_prior(text) == expected
+def test_a_tie_has_a_leader_and_a_prior_mean_and_standard_deviation(read, text, expected):
+    assert read(text) == expected
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.floats(0, allow_infinity=False), st.sampled_from("±+"))
@@ -59,12 +45,23 @@ def test_a_priors_numbers_keep_every_bit(mean, deviation, sign):
     assert parse_prior(text) == ("a.ior", (mean, deviation))
 
 
-@pytest.mark.parametrize("text", ["x", "a.ior", "a.ior=", "a.ior=1", "a.ior=1+-", "a.ior=+-1", "=1+-2", "1+-2"])
-@pytest.mark.parametrize("more", ["", " ", "x"])
-def test_what_is_no_prior_is_refused_with_the_way_to_write_one(text, more):
-    with pytest.raises(UsageError) as caught:
-        parse_prior(text + more)
-    assert str(caught.value) == f"--prior {text + more}: write NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01."
+@pytest.mark.parametrize("more", ["", " "])
+@pytest.mark.parametrize(
+    ("read", "form", "texts"),
+    [
+        (parse_tie, "NAME=FREE, as cyan.ior=vitreous.ior", ["", "=", "a.ior=", "=b.ior"]),
+        (
+            parse_prior,
+            "NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01",
+            ["x", "a.ior", "a.ior=1", "a.ior=1+-", "a.ior=+-1", "=1+-2", "1+-2"],
+        ),
+    ],
+)
+def test_what_is_no_assignment_is_refused_with_the_way_to_write_one(read, form, texts, more):
+    for text in texts:
+        with pytest.raises(UsageError) as caught:
+            read(text + more)
+        assert str(caught.value) == f"--{read.__name__.removeprefix('parse_')} {text + more}: write {form}."
 
 
 @pytest.fixture
@@ -157,7 +154,7 @@ def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments,
         pictures={"estimate": None, "start": None},
         history={} if has_steps else {"steps": ()},
     )
-    replace_work("fit", lambda *_, **__: stopped)
+    replace_work("fit.fit", lambda *_, **__: stopped)
     assert run(*arguments, *FREE) == 3
     lines = capsys.readouterr().out.splitlines()
     table = ["# estimates", "parameter        initial  estimate", "vitreous.ior     1.5      1.337"]
@@ -167,7 +164,7 @@ def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments,
 
 
 def test_the_fitted_scene_keeps_the_comments_of_the_start(arguments, replace_work, tmp_path):
-    replace_work("fit", lambda *_, **__: fake_result())
+    replace_work("fit.fit", lambda *_, **__: fake_result())
     scene = tmp_path / "scene.txt"
     scene.write_text("# Measured on Monday.\n\n" + VITREOUS.read_text())
     assert run("fit", scene, *arguments[2:], *FREE) == 0
@@ -175,7 +172,7 @@ def test_the_fitted_scene_keeps_the_comments_of_the_start(arguments, replace_wor
 
 
 def test_the_figure_is_a_pdf_too_if_that_is_asked_for(arguments, replace_work, tmp_path):
-    replace_work("fit", lambda *_, **__: fake_result())
+    replace_work("fit.fit", lambda *_, **__: fake_result())
     assert run(*arguments, *FREE, "--transfer", "course", "--pdf") == 0
     assert (tmp_path / "out" / "report.pdf").read_bytes().startswith(b"%PDF-")
 
@@ -184,7 +181,7 @@ def test_the_figure_is_a_pdf_too_if_that_is_asked_for(arguments, replace_work, t
 def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, replace_work, capsys, tmp_path):
     import resource
 
-    replace_work("fit", lambda *_, **__: fake_result())
+    replace_work("fit.fit", lambda *_, **__: fake_result())
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, most))
     try:
@@ -209,7 +206,7 @@ def test_a_png_that_does_not_say_how_it_was_stored_is_read_as_it_is_nearer_to_th
     pixels = np.moveaxis(ENCODERS[transfer](truth * (1.3 if exposure else 1)), 0, -1)
     Image.fromarray(pixels).save(tmp_path / "target.png")
     seen = []
-    replace_work("fit", lambda *given, **_: seen.append(given[1]) or fake_result())
+    replace_work("fit.fit", lambda *given, **_: seen.append(given[1]) or fake_result())
     start = truth + np.random.default_rng(4).normal(scale=0.02, size=truth.shape)
     monkeypatch.setattr("raytrace_jax.cli.actions.fit.supersampled", lambda problem, y, samples: start)
     assert run(*arguments, *FREE, *exposure, *(["--transfer", told] if told else [])) == 0

@@ -29,14 +29,6 @@ def test_the_citation_is_of_this_version_and_has_the_title_of_the_readme():
     assert citation["keywords"] == PROJECT["project"]["keywords"]
 
 
-def test_there_is_one_address_and_five_uses_of_it():
-    urls = PROJECT["project"]["urls"]
-    assert set(urls) == {"Homepage", "Documentation", "Source", "Issues", "Changelog"}
-    assert all(url.startswith(urls["Source"]) for url in urls.values())
-    hook = PROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]
-    assert all(f"{urls['Source']}/" in rule["replacement"] for rule in hook["substitutions"])
-
-
 def test_the_description_of_a_package_index_has_absolute_addresses_of_files_that_exist():
     text = README
     for rule in PROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:

@@ -19,7 +19,8 @@ from user_loops import SCENE
 from raytrace_jax.inverse.problem.problem import values_and_slopes
 from raytrace_jax.inverse.problem.unknowns import Transform, Unknowns
 from raytrace_jax.util.background import CompileAhead
-from raytrace_jax.util.compilation import forget_programs, jit, keep_programs
+from raytrace_jax.util.compilation import forget_programs, jit
+from raytrace_jax.util.kept_programs import keep_programs
 
 
 def scaled(x, table, power):
@@ -133,7 +134,7 @@ def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
 
 @pytest.fixture
 def keep_at_most(monkeypatch):
-    return functools.partial(monkeypatch.setattr, "raytrace_jax.util.compilation.MOST_BYTES")
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.util.kept_programs.MOST_BYTES")
 
 
 def test_of_too_much_those_go_that_were_not_used_for_longest(kept, keep_at_most):

@@ -8,7 +8,7 @@ import pytest
 
 from raytrace_jax import enable_compile_cache
 from raytrace_jax.util import session
-from raytrace_jax.util.compilation import keep_programs
+from raytrace_jax.util.kept_programs import keep_programs
 
 
 @pytest.fixture

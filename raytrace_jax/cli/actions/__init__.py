@@ -1,1 +1,1 @@
-"""Actions do the work of commands, once their arguments are read."""
+"""The work of commands, once their arguments are read."""

@@ -1,28 +1,27 @@
-"""The command `batch` goes from a plan file to a folder of results and their table."""
+"""The command `batch`: from a plan file to a folder of results and their table."""
 
-import statistics
 import sys
 import time
-from collections import Counter
 from collections.abc import Sequence
 from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from raytrace_jax.batch import cluster
 from raytrace_jax.batch.jobs import Job, expand, labelled
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
-from raytrace_jax.batch.run import JobRecord, chunks, forget_failures, is_done, other_records, run_chunk, write_plan
+from raytrace_jax.batch.run import JobRecord, forget_failures, is_done, other_records, run_and_record, write_plan
 from raytrace_jax.batch.table import has_parquet, make_table, remove_tables, write_overview, write_table
 from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Batch
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import SECONDS_BETWEEN, Shown
+from raytrace_jax.errors import reworded
 from raytrace_jax.util.files import json_text
 from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import install, listed
+from raytrace_jax.util.text import install
 
 
 def run_batch(command: Batch) -> int:
@@ -36,10 +35,9 @@ def run_batch(command: Batch) -> int:
         cluster.require()
     # One core a job: its numbers, to the last bit, do not depend on how many cores there are.
     with jax_session(64, devices=1):
-        try:
-            jobs = labelled(expand(read_plan(command.plan)))
-        except PlanError as reason:
-            raise UsageError(str(reason)) from reason
+        with reworded(UsageError, PlanError):
+            plan = read_plan(command.plan)
+        jobs = labelled(expand(plan))
 
         # A job that stands twice in the plan is run once; the folder may hold the jobs of other plans.
         folder = command.output.absolute()
@@ -55,10 +53,10 @@ def run_batch(command: Batch) -> int:
                 remove_tables(folder)
                 forget_failures(folder, distinct)
             if on_workers and todo:
-                cluster.run_on_workers(distinct, folder, command.workers, command.scheduler, show.done)
+                cluster.run_on_workers(todo, folder, command.workers, command.scheduler, show.done)
             else:
-                for chunk in chunks(distinct, folder):
-                    run_chunk(chunk, folder, show.done)
+                for job in todo:
+                    show.done(job, run_and_record(job, folder))
 
     # The table and the overview are of all jobs of the plan, also of those that were done before.
     rows = make_table(jobs, folder)
@@ -84,15 +82,11 @@ class BatchProgress(Shown[Progress]):
     """
 
     def __init__(self, todo: Sequence[Job], already: int, console: Console):
-        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
-        bar = Progress(*columns, console=console)
-        self.already, self.todo, self.total = already, len(todo), already + len(todo)
+        bar = Progress(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=console)
+        self.total, self.already = already + len(todo), already
         self.task = bar.add_task("", total=self.total, completed=already)
         super().__init__(console, bar, "the jobs go on")
-        self.waiting = Counter(job.kind for job in todo)
-        self.seconds: dict[str, list[float]] = {kind: [] for kind in self.waiting}
-        self.failed = 0
-        self.shown_at = self.began
+        self.ended, self.failed, self.shown_at = already, 0, self.began
 
     def __enter__(self) -> Self:
         done = f", {self.already} of them done already" if self.already else ""
@@ -101,39 +95,26 @@ class BatchProgress(Shown[Progress]):
 
     def __exit__(self, *exception: object) -> None:
         super().__exit__(*exception)
-        if self.todo:
+        if self.total > self.already:
             words = "stopped; the same command goes on" if exception[0] else "ready"
             self.console.print(f"{self._counts()} in {duration(time.monotonic() - self.began)}, {words}")
 
     def done(self, job: Job, record: JobRecord) -> None:
         """Count a job that has ended, and say how long the others will take."""
-        self.waiting[job.kind] -= 1
-        self.seconds[job.kind].append(record.seconds)
+        self.ended += 1
         if record.status == "failed":
             self.failed += 1
             self.console.print(f"{job.kind} {job.name} failed: {record.message}")
         now = time.monotonic()
-        words = self._left(now)
         if self.display:
-            self.display.update(self.task, advance=1, description=words)
+            self.display.update(self.task, advance=1)
         elif now - self.shown_at > SECONDS_BETWEEN:
             self.shown_at = now
-            self.console.print(", ".join(filter(None, [self._counts(), words])))
-
-    def _left(self, now: float) -> str:
-        """The time that the others will take, but for kinds of which only the first has ended, which compiles."""
-        unknown = [kind for kind, count in self.waiting.items() if count and len(self.seconds[kind]) < 2]
-        known = {kind: count for kind, count in self.waiting.items() if count and kind not in unknown}
-        if not known:
-            return ""
-        work = sum(count * statistics.median_low(self.seconds[kind]) for kind, count in known.items())
-        # Workers do several at once.
-        fraction = min(1.0, (now - self.began) / max(sum(map(sum, self.seconds.values())), 1e-9))
-        return f"about {duration(work * fraction)} left" + (f", without {listed(unknown)}" if unknown else "")
+            left = (now - self.began) / (self.ended - self.already) * (self.total - self.ended)
+            self.console.print(f"{self._counts()}, about {duration(left)} left")
 
     def _counts(self) -> str:
-        failures = f", {self.failed} failed" if self.failed else ""
-        return f"{self.total - self.waiting.total()}/{self.total} jobs{failures}"
+        return f"{self.ended}/{self.total} jobs" + (f", {self.failed} failed" if self.failed else "")
 
 
 def duration(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""The command `board` makes a calibration board to print or to show, and the same board as a part of a scene."""
+"""The command `board`: a calibration board to print or to show, and the same board as a part of a scene."""
 
 import math
 from pathlib import Path
@@ -43,18 +43,16 @@ def run_board(command: Board) -> int:
 
 def _check_options(command: Board) -> None:
     """Refuse options that do not belong together, and names that no scene's file can say. Raises UsageError."""
-    suffix = command.output.suffix.lower()
-    if suffix == ".png" and not (command.screen and command.pixels):
+    is_png = command.output.suffix.lower() == ".png"
+    if is_png and not (command.screen and command.pixels):
         raise UsageError(
             f"{command.output}: a PNG is for a screen, and --screen and --pixels say how large it is, as "
             "--screen 27in --pixels 2560 1440; a board to print is a .pdf."
         )
-    if suffix == ".png" and command.paper:
-        words = f"is for a board to print, a .pdf, and {command.output} is for a screen."
-        raise UsageError(f"--paper {command.paper} {words}")
-    if suffix == ".pdf" and (command.screen or command.pixels):
-        option = "--screen" if command.screen else "--pixels"
-        raise UsageError(f"{option} is for a board on a screen, a .png, and {command.output} is to print.")
+    if is_png and command.paper:
+        raise UsageError(f"--paper is for a board to print, a .pdf, and {command.output} is for a screen.")
+    if not is_png and (command.screen or command.pixels):
+        raise UsageError(f"--screen and --pixels are for a board on a screen, a .png; {command.output} is to print.")
     texture = _beside(command.output)[1].name
     if not is_name(texture):
         raise UsageError(f"{quoted(texture)}: the scene's file names this picture, and there a name is one word.")

@@ -1,4 +1,4 @@
-"""The commands `rays`, `view` and `teach` show what happens to light."""
+"""The commands `rays`, `view` and `teach`, which show what happens to light."""
 
 import contextlib
 import dataclasses
@@ -7,16 +7,10 @@ import sys
 
 import numpy as np
 
-from raytrace_jax.cli.console import UsageError, print_table, stderr_console
-from raytrace_jax.cli.options import as_usage_error, split_assignment
+from raytrace_jax.cli import preparation
+from raytrace_jax.cli.console import UsageError, blamed_on, print_table, stderr_console
+from raytrace_jax.cli.options import split_assignment
 from raytrace_jax.cli.options.scenes import Rays, Teach, View
-from raytrace_jax.cli.preparation import (
-    check_folder,
-    check_picture_path,
-    check_single,
-    read_picture_scene,
-    warn_of_shared_materials,
-)
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.lessons import LESSONS, index_page
@@ -41,10 +35,10 @@ def run_rays(command: Rays) -> int:
     """Trace the pixel's tree, write its drawing, print the drawing's path and the table."""
     # A tree is that of one ray, whatever the scene's file says; more samples that were asked for are refused.
     asked = dataclasses.replace(command.render, edges="point", samples=command.render.samples or 1)
-    check_picture_path(command.output, (".svg", ".png"))
+    preparation.check_picture_path(command.output, (".svg", ".png"))
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
-        with as_usage_error():
+        scene, settings = preparation.read_picture_scene(command.scene, command.assignments, asked)
+        with blamed_on():
             tree = trace_tree(scene, command.pixel, settings)
         column, row = tree.pixel
         color = " ".join(f"{value:.4f}" for value in tree.nodes[0].color)
@@ -107,16 +101,16 @@ def run_view(command: View) -> int:
     """Serve the page until it is interrupted; print its address."""
     asked = [parse_slider(text) for text in command.over]
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
+        scene, settings = preparation.read_picture_scene(command.scene, command.assignments, command.render)
         for slider in asked:
             option = f"--over {slider.name}={slider.start:g}:{slider.stop:g}"
-            check_single(scene, slider.name, option)
+            preparation.check_single(scene, slider.name, option)
             value = float(get_parameter(scene, slider.name))
             if not slider.start <= value <= slider.stop:
                 raise UsageError(f"{option}: the scene has {value:g}, which lies outside.")
         sliders = tuple(asked) or first_glass(scene, settings.model)
         scalar_names(scene, [slider.name for slider in sliders])  # Refuses one that comes twice.
-        warn_of_shared_materials(scene, [slider.name for slider in sliders])
+        preparation.warn_of_shared_materials(scene, [slider.name for slider in sliders])
         studio = Studio(scene, settings, sliders, screen_transfer(settings), command.edges)
         with make_server(studio, command.scene.stem, command.port) as server:
             print(f"http://{HOST}:{server.server_port}/", flush=True)
@@ -157,7 +151,7 @@ def run_teach(command: Teach) -> int:
     """Draw the lessons' figures, write them and their page, and print the paths."""
     wanted = set(command.only) or set(LESSONS)
     names = tuple(name for name in LESSONS if name in wanted)
-    check_folder(command.output)
+    preparation.check_folder(command.output)
     timer = Timer("drawing", stderr_console(quiet=command.quiet))
     # A display on stderr would catch what is printed on stdout.
     with contextlib.nullcontext() if timer.display else timer, jax_session(64):

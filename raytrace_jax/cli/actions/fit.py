@@ -1,4 +1,4 @@
-"""The command `fit` goes from a picture, whose file may not say how its colours were stored, to parameters."""
+"""The command `fit`: from a picture, whose file may not say how its colours were stored, to parameters."""
 
 import dataclasses
 import hashlib
@@ -16,11 +16,8 @@ from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.preparation import check_folder, read_picture_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import PictureError
-from raytrace_jax.images.exif import angle_of_view
-from raytrace_jax.images.jpeg import jpeg_storage
-from raytrace_jax.images.masks import clipped_pixels, read_mask
+from raytrace_jax.images import exif, jpeg, masks, pictures
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_picture, states_colours
 from raytrace_jax.images.transfer import DECODERS, ENCODERS
 from raytrace_jax.inverse.build_problem import as_file_says, asked_for, build_problem
 from raytrace_jax.inverse.estimate import fit
@@ -50,9 +47,9 @@ def read_target(
     """
     weights = None
     if command.mask is not None:
-        weights = seen_part(read_mask(command.mask), scene, settings, "the mask")
+        weights = seen_part(masks.read_mask(command.mask), scene, settings, "the mask")
     target = read_colours(command, scene, settings, options, weights)
-    clipped = clipped_pixels(command.target, target, command.clipped, clamps=settings.model != "physical")
+    clipped = masks.clipped_pixels(command.target, target, command.clipped, clamps=settings.model != "physical")
     words = clipped.words(command.target)
     if words:
         print_warning(words)
@@ -61,7 +58,9 @@ def read_target(
             raise PictureError(
                 f"{command.target}: no pixel is left that counts; --clipped keep counts the clipped ones"
             )
-    storage = jpeg_storage(command.target, command.transfer or "srgb") if is_jpeg(command.target) else None
+    storage = (
+        jpeg.jpeg_storage(command.target, command.transfer or "srgb") if pictures.is_jpeg(command.target) else None
+    )
     if storage is not None:
         storage = storage._replace(window=seen_window(storage.size, scene, settings, "the target"))
     return target, {"weights": weights, "storage": storage}
@@ -101,9 +100,9 @@ def seen_window(
 def with_angle_of_view(scene: Scene, path: Path, assignments: Sequence[str]) -> Scene:
     """The scene with the angle of view that a photograph tells, if the scene does not state one; told on stderr."""
     camera = scene.camera
-    if not isinstance(camera, PerspectiveCamera) or not is_photograph(path):
+    if not isinstance(camera, PerspectiveCamera) or not pictures.is_photograph(path):
         return scene
-    told, has = angle_of_view(path), float(camera.fov)
+    told, has = exif.angle_of_view(path), float(camera.fov)
     name = f"{camera.name}.fov"
     is_set = any(parse_assignment(text)[0] == name for text in assignments)
     # Nobody is told of a difference up to 2 %, for lenses are named in round millimetres.
@@ -129,10 +128,10 @@ def read_colours(
     """
 
     def read(transfer: Transfer | None) -> Float[np.ndarray, "3 height width"]:
-        picture = read_picture(command.target, transfer=transfer, layer=command.layer)
+        picture = pictures.read_picture(command.target, transfer=transfer, layer=command.layer)
         return seen_part(picture, scene, settings, "the target")
 
-    if command.transfer is not None or states_colours(command.target):
+    if command.transfer is not None or pictures.states_colours(command.target):
         return read(command.transfer)
     target = read("course")
     problem = build_problem(scene, target, command.free, settings, options, weights).problem
@@ -178,7 +177,7 @@ NOT_CONVERGED = 3
 def run_fit(command: Fit) -> int:
     """Fit the free parameters, print the estimates, write the report; 3 if the fit did not converge."""
     # What is wrong with the command shows before anything is read.
-    free, options = command.free, command.options
+    free, options = command.free, command.fit_options()
     if not free:
         raise UsageError("--free NAME ... is missing: which parameters should be found?")
     check_folder(command.output)

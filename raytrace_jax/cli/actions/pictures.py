@@ -1,4 +1,4 @@
-"""The commands `grad`, `gallery` and `sweep` make sheets, galleries and animations of scenes."""
+"""The commands `grad`, `gallery` and `sweep`: sheets, galleries and animations of scenes."""
 
 import dataclasses
 import itertools
@@ -9,20 +9,12 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from raytrace_jax.cli import preparation
 from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options import split_assignment
 from raytrace_jax.cli.options.scenes import Gallery, Grad, Sweep
-from raytrace_jax.cli.preparation import (
-    check_folder,
-    check_picture_path,
-    check_single,
-    read_picture_scene,
-    read_scene,
-    warn_of_shared_materials,
-)
 from raytrace_jax.cli.progress import Timer
-from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, label_frames, require_ffmpeg, write_animation
-from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
+from raytrace_jax.images import animation, masks
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.derivatives import DerivativeCheck, check_derivative, draw_gradients
 from raytrace_jax.report.films import how_made, screen_transfer, write_derivatives
@@ -51,15 +43,15 @@ def run_grad(command: Grad) -> int:
     if command.output.suffix.lower() != ".exr":
         raise UsageError(f"{command.output}: derivatives are signed layers, which only OpenEXR has: name an .exr file.")
     png_path = command.output.with_suffix(".png")
-    check_picture_path(command.output)
-    check_picture_path(png_path)
+    preparation.check_picture_path(command.output)
+    preparation.check_picture_path(png_path)
     console = stderr_console(quiet=command.quiet)
 
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
+        scene, settings = preparation.read_picture_scene(command.scene, command.assignments, asked)
         origin = settings.window(scene.camera.pixeldim)[:2]
         names = scalar_names(scene, wrt)
-        warn_of_shared_materials(scene, wrt)
+        preparation.warn_of_shared_materials(scene, wrt)
         differences = None
         if command.check:
             # First of all, because it refuses steps that a parameter cannot take.
@@ -70,10 +62,12 @@ def run_grad(command: Grad) -> int:
         with Timer("derivatives", console) as timer:
             found = picture_derivatives(scene, wrt, settings, _counter(timer, "derivative", f"/{len(names)}"))
         image, values = np.asarray(found.image), np.asarray(found.values)
-        bad = bad_pixels(image, values)
+        bad = masks.bad_pixels(image, values)
         if bad.any():
-            print_warning(f"{mask_in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files.")
-            found = found._replace(image=blackened(image), values=blackened(values))
+            print_warning(
+                f"{masks.mask_in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files."
+            )
+            found = found._replace(image=masks.blackened(image), values=masks.blackened(values))
         write_derivatives(command.output, found, scene, settings, differences)
 
     # The sheet shows what the layers hold; the words say how far differences agree with them.
@@ -135,12 +129,12 @@ def run_gallery(command: Gallery) -> int:
     if command.scene and not gallery.scene:
         raise UsageError(f"the pictures of --set {command.set} have scenes of their own: leave {command.scene} out.")
     first = gallery.variants[0].text or command.scene or bundled_scenes()[gallery.scene]
-    check_folder(command.output)
+    preparation.check_folder(command.output)
 
     # Each picture is written as soon as it is rendered; the sheet needs them all.
     titles, pictures, written = [], [], []
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(first, command.assignments, options)
+        scene, settings = preparation.read_picture_scene(first, command.assignments, options)
         said = scene.settings and scene.settings.model
         if said not in (None, gallery.model):
             raise UsageError(
@@ -150,10 +144,10 @@ def run_gallery(command: Gallery) -> int:
         transfer = command.png_transfer or screen_transfer(settings)
 
         def scene_of(variant: Variant) -> Scene:
-            return read_scene(variant.text, command.assignments, gallery.model) if variant.text else scene
+            return preparation.read_scene(variant.text, command.assignments, gallery.model) if variant.text else scene
 
         scalar_names(scene, wrt)
-        warn_of_shared_materials(scene, wrt)
+        preparation.warn_of_shared_materials(scene, wrt)
         with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
             for variant, varied, how, found in render_gallery(scene_of, gallery, settings, wrt):
                 exr_path, png_path = (command.output / f"{variant.name}.{suffix}" for suffix in ("exr", "png"))
@@ -170,34 +164,31 @@ def run_gallery(command: Gallery) -> int:
     return 0
 
 
-MOST_FRAMES = 10_000
-
-
 def run_sweep(command: Sweep) -> int:
     """Render a frame for each value, write the animation, print its path."""
     asked = dataclasses.replace(command.render, edges=command.edges)
     name, values = parse_range(command.over)
     path, suffix = command.output, command.output.suffix.lower()
-    check_picture_path(path, SUFFIXES, "an animation")
-    most = MOST_GIF_FPS if suffix == ".gif" else 60
+    preparation.check_picture_path(path, animation.SUFFIXES, "an animation")
+    most = animation.MOST_GIF_FPS if suffix == ".gif" else 60
     if not 1 <= command.fps <= most:
         raise UsageError(f"--fps is {command.fps}; for a {suffix} file it can be 1 to {most}.")
     if suffix == ".mp4":
-        require_ffmpeg(path)
+        animation.require_ffmpeg(path)
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
-        check_single(scene, name, f"--over {command.over}")
+        scene, settings = preparation.read_picture_scene(command.scene, command.assignments, asked)
+        preparation.check_single(scene, name, f"--over {command.over}")
         scalar_names(scene, [*(parse_assignment(text)[0] for text in command.assignments), name])  # -D sets none of it.
-        warn_of_shared_materials(scene, [name])
+        preparation.warn_of_shared_materials(scene, [name])
         scenes = [set_parameters(scene, {name: value}) for value in values]
         transfer = command.transfer or screen_transfer(settings)
         with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
             frames = [Image.fromarray(as_pixels(render(moved, settings).image, transfer)) for moved in scenes]
         timer.took(f"rendering {len(frames)} frames")
     if command.label:
-        frames = label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])
+        frames = animation.label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])
     back = frames[-2:0:-1] if command.bounce else []
-    write_animation(command.output, [*frames, *back], command.fps)
+    animation.write_animation(command.output, [*frames, *back], command.fps)
     print(command.output)
     return 0
 
@@ -213,8 +204,8 @@ def parse_range(text: str) -> tuple[str, list[float]]:
 
     form = "NAME=START:STOP:COUNT, as vitreous.ior=1.0:2.4:60"
     name, (start, stop, count) = split_assignment("over", text, form, read)
-    if not 2 <= count <= MOST_FRAMES:
-        raise UsageError(f"--over {text}: there are {count} frames; there can be 2 to {MOST_FRAMES}.")
+    if not 2 <= count <= 10_000:
+        raise UsageError(f"--over {text}: there are {count} frames; there can be 2 to 10000.")
     return name, evenly_spaced(start, stop, count)
 
 

@@ -1,4 +1,4 @@
-"""The command `render` makes a picture file of a scene; it starts without what draws figures."""
+"""The command `render`: a picture file of a scene; it starts without what draws figures."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""The commands on scene files write, list and translate them."""
+"""The commands that write, list and translate scene files."""
 
 import sys
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Each command's options are typed dataclasses, of which tyro makes the parser and the help texts.
+"""The options that commands share; those of each command are a dataclass, of which tyro makes parser and help.
 
 Nothing here imports JAX, so that `--help` answers at once; and every word that an option can be stands elsewhere, in
 the table of what it chooses from.
@@ -6,49 +6,46 @@ the table of what it chooses from.
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Collection, Iterator
+import itertools
+from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, dataclass_transform, get_args, get_type_hints
+from typing import Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 
 import docstring_parser
 from tyro.conf import Positional, Suppress, UseAppendAction, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
-from raytrace_jax.cli.console import UsageError
-from raytrace_jax.errors import ParameterError, SettingsError
-from raytrace_jax.tracer.settings import Precision, RenderSettings
-from raytrace_jax.util.checked import core, wanted
+from raytrace_jax.cli.console import UsageError, blamed_on
+from raytrace_jax.tracer.settings import AovName, Precision, RenderSettings
+from raytrace_jax.util.checked import Checked, wanted
+
+T = TypeVar("T")
+
+
+def repeatable(word: Any, metavar: str) -> object:
+    """The mark of a row of words that comes after one option, or after several of the same name."""
+    rows: Any = UseAppendAction[tuple[tuple[word, ...], ...]]  # pyright: ignore[reportInvalidTypeForm]
+    return arg(constructor=rows, metavar=metavar, help_behavior_hint="(repeatable)")
+
 
 SceneFile = Annotated[Positional[Path], arg(metavar="SCENE", help="The scene, a model.txt file.")]
 Assignments = Annotated[
-    UseAppendAction[tuple[str, ...]],
+    tuple[str, ...],
+    repeatable(str, "NAME=VALUE"),
     arg(
         name="define",
         aliases=["-D"],
-        metavar="NAME=VALUE",
         help="Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the "
         "names.",
     ),
 ]
 Quiet = Annotated[bool, arg(help="Say nothing on the way; errors and warnings are still shown.")]
 AsJson = Annotated[bool, arg(help="Print one JSON object on stdout in place of paths and tables.")]
-REPEATABLE = arg(help_behavior_hint="(repeatable)")
-Names = Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(repeatable)")]
-"""Names; `dispatch` gathers those of an option that comes several times."""
-
-SHORTER = {"ties": "tie", "priors": "prior", "profiles": "profile"}
-"""Options that the command line calls otherwise."""
-
-NO_OPTION = [get_args(marked)[1] for marked in (Positional[int], Suppress[int])]
-"""Marks of tyro on what is not an option."""
-
+Names = Annotated[tuple[str, ...], repeatable(str, "NAME ...")]
 OutputFolder = Annotated[
     Path, arg(aliases=["-o"], metavar="DIR", help="The folder to write; it is made if it is missing.")
 ]
 OutputExr = Annotated[Path, arg(aliases=["-o"], metavar="OUT.exr")]
-
-
-T = TypeVar("T")
 
 
 def split_assignment(option: str, text: str, form: str, read: Callable[[str], T]) -> tuple[str, T]:
@@ -111,31 +108,22 @@ def option_class(hidden: Collection[str] = (), **flags: tuple[object, ...]) -> C
     return decorate
 
 
-def option_names(options: type) -> Iterator[str]:
-    """The options of a command, as `max_steps`; its positional arguments are none."""
-    found = get_type_hints(options, include_extras=True)
-    for name in (field.name for field in dataclasses.fields(options)):  # pyright: ignore[reportArgumentType]
-        hint = found[name]
-        extras = getattr(hint, "__metadata__", ())
-        if dataclasses.is_dataclass(kind := core(hint)):
-            yield from option_names(kind)  # pyright: ignore[reportArgumentType]
-        elif not any(extra in NO_OPTION for extra in extras):
-            yield next((extra.name for extra in extras if getattr(extra, "name", None)), name)
-
-
-class Told:
-    """Options of which the command line refuses what is wrong by the names that they have there."""
+class CommandOptions(Checked):
+    """Options whose refusals name them as the command line does; rows of an option that came repeatedly are joined."""
 
     def __post_init__(self):
-        with as_usage_error():
-            super().__post_init__()  # pyright: ignore[reportAttributeAccessIssue]
+        for name, value in vars(self).items():
+            if isinstance(value, tuple) and all(isinstance(row, tuple) for row in value):
+                object.__setattr__(self, name, tuple(itertools.chain(*value)))
+        with blamed_on():
+            super().__post_init__()
 
 
 ROWS: dict[str, Any] = {"size": (whole_numbers("W H"),), "crop": (whole_numbers("X Y W H"),)}
 
 
-@option_class(**ROWS, aov=(REPEATABLE,))
-class PictureOptions(Told, RenderSettings):
+@option_class(**ROWS, aov=(repeatable(AovName, "NAME ..."),))
+class PictureOptions(CommandOptions, RenderSettings):
     """How a picture is made."""
 
     precision: Precision = 64
@@ -145,13 +133,3 @@ class PictureOptions(Told, RenderSettings):
 @option_class(hidden=("edges", "binning", "aov"), **ROWS)
 class RenderOptions(PictureOptions):
     """How a picture is made; `grad`, `gallery`, `rays`, `sweep`, `fit` and others share these."""
-
-
-@contextlib.contextmanager
-def as_usage_error() -> Iterator[None]:
-    """A setting that is refused within becomes the error of an option."""
-    try:
-        yield
-    except (SettingsError, ParameterError) as reason:
-        name, space, rest = str(reason).partition(" ")
-        raise UsageError(f"--{SHORTER.get(name, name).replace('_', '-')}{space}{rest}") from None

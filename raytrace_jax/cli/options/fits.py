@@ -1,36 +1,27 @@
 """The options of the commands that measure: `fit`, `batch`, `board`, `calibrate` and `photo`."""
 
-from collections.abc import Callable, Mapping
+import dataclasses
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, TypeVar
 
 from tyro.conf import Positional, arg
-from tyro.constructors import PrimitiveConstructorSpec
 
+from raytrace_jax.cli import options as shared
 from raytrace_jax.cli.console import UsageError
-from raytrace_jax.cli.options import (
-    REPEATABLE,
-    AsJson,
-    Assignments,
-    Names,
-    OutputFolder,
-    Quiet,
-    RenderOptions,
-    SceneFile,
-    Told,
-    option_class,
-    split_assignment,
-    whole_numbers,
-)
 from raytrace_jax.images.options import Clipped, Transfer
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.util.checked import Checked, Wanted
+from raytrace_jax.util.checked import Wanted
 from raytrace_jax.util.text import PaperName, parse_number
+
+T = TypeVar("T")
+
+Assigned = Annotated[tuple[str, ...], shared.repeatable(str, "NAME=VALUE")]
 
 
 def parse_tie(text: str) -> tuple[str, str]:
     """Split `cyan.ior=vitreous.ior` into follower and leader."""
-    return split_assignment("tie", text, "NAME=FREE, as cyan.ior=vitreous.ior", str)
+    return shared.split_assignment("tie", text, "NAME=FREE, as cyan.ior=vitreous.ior", str)
 
 
 def parse_prior(text: str) -> tuple[str, tuple[float, float]]:
@@ -40,7 +31,7 @@ def parse_prior(text: str) -> tuple[str, tuple[float, float]]:
         mean, _, deviation = numbers.replace("±", "+-").partition("+-")
         return parse_number(mean.strip()), parse_number(deviation.strip())
 
-    return split_assignment("prior", text, "NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01", read)
+    return shared.split_assignment("prior", text, "NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01", read)
 
 
 def parse_uncertain(text: str) -> tuple[str, str]:
@@ -51,43 +42,26 @@ def parse_uncertain(text: str) -> tuple[str, str]:
         return amount
 
     form = "NAME=SD or NAME=SHARE%, as vitreous.radius=0.002 or cam1=0.1%"
-    return split_assignment("uncertain", text, form, read)
+    return shared.split_assignment("uncertain", text, form, read)
 
 
-def pairs(option: str, read: Callable[[str], tuple[str, Any]]) -> tuple[object, ...]:
-    """Marks of an option whose `NAME=VALUE` texts become a mapping."""
-
-    def read_all(texts: list[str]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for name, value in map(read, texts):
-            if name in found:
-                raise UsageError(f"--{option} {name} is given twice.")
-            found[name] = value
-        return found
-
-    spec = PrimitiveConstructorSpec(
-        nargs="*",
-        metavar="NAME=VALUE",
-        instance_from_str=read_all,
-        is_instance=lambda value: isinstance(value, Mapping),
-        str_from_instance=lambda value: [*value],
-    )
-    return spec, REPEATABLE, arg(name=option)
+def by_name(option: str, texts: tuple[str, ...], read: Callable[[str], tuple[str, T]]) -> dict[str, T]:
+    """What `read` makes of an option's `NAME=VALUE` texts, by name."""
+    found: dict[str, T] = {}
+    for name, value in map(read, texts):
+        if name in found:
+            raise UsageError(f"--{option} {name} is given twice.")
+        found[name] = value
+    return found
 
 
-@option_class(
-    hidden=("correlations",),
-    ties=pairs("tie", parse_tie),
-    priors=pairs("prior", parse_prior),
-    uncertain=pairs("uncertain", parse_uncertain),
-    profiles=(REPEATABLE, arg(name="profile")),
-)
-class FitArguments(Told, FitOptions):
-    """How the fit is set up and solved."""
+@shared.option_class(hidden=("correlations", "ties", "priors", "uncertain", "profiles"))
+class FitArguments(shared.CommandOptions, FitOptions):
+    """How the fit is set up and solved; `Fit` has the options of several words."""
 
 
-@option_class()
-class Fit:
+@shared.option_class()
+class Fit(shared.CommandOptions):
     """Fit parameters of a scene to a picture, and say how sure they are.
 
     The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html, report.png,
@@ -102,15 +76,15 @@ class Fit:
     Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result
     """
 
-    scene: SceneFile
+    scene: shared.SceneFile
     """The scene to start from, a model.txt file."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
     """The picture to explain, OpenEXR, PNG, JPEG, TIFF, PPM or Radiance HDR, of the size that is rendered; with --crop
     also the whole picture."""
-    free: Names
+    free: shared.Names
     """The parameters to find (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
-    output: OutputFolder
-    assignments: Assignments = ()
+    output: shared.OutputFolder
+    assignments: shared.Assignments = ()
     mask: Annotated[Path | None, arg(metavar="FILE")] = None
     """Weights of the target's pixels, a picture of the same formats: 0 leaves a pixel out, 1 counts in full. A painted
     one counts where it is bright and opaque."""
@@ -130,13 +104,30 @@ class Fit:
     """Write the report's figure as report.pdf, too, for a paper."""
     json: bool = False
     """Print one JSON object on stdout, the content of result.json, in place of the table and the last line."""
-    quiet: Quiet = False
+    quiet: shared.Quiet = False
+    tie: Assigned = ()
+    """Let a parameter follow a free one, as cyan.ior=vitreous.ior or small.center=large.center."""
+    prior: Assigned = ()
+    """What is known of a free number, as vitreous.radius=2.3+-0.01: mean and standard deviation."""
+    uncertain: Assigned = ()
+    """Standard deviation of a number that stays fixed, as vitreous.radius=0.002 or vitreous.radius=0.1%. The name of a
+    block (cam1=0.1%) or of a kind of blocks (lights=1%) stands for all its numbers. The errors then include it."""
+    profile: shared.Names = ()
+    """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
     options: FitArguments = FitArguments()
-    render: RenderOptions = RenderOptions()
+    render: shared.RenderOptions = shared.RenderOptions()
+
+    def fit_options(self) -> FitOptions:
+        """All options of the fit. Raises UsageError where a text is not written as its option wants it."""
+        ties, priors = by_name("tie", self.tie, parse_tie), by_name("prior", self.prior, parse_prior)
+        uncertain = by_name("uncertain", self.uncertain, parse_uncertain)
+        changes = {"ties": ties, "priors": priors, "uncertain": uncertain, "profiles": self.profile}
+        given = {field.name: getattr(self.options, field.name) for field in dataclasses.fields(FitOptions)}
+        return FitOptions(**given | changes)
 
 
-@option_class()
-class Batch(Told, Checked):
+@shared.option_class()
+class Batch(shared.CommandOptions):
     """Run the many renders, derivatives and fits of a plan, and gather them in a table.
 
     PLAN.toml names scenes, grids and lists of parameters, noise and seeds (docs/batch.md describes it). DIR gets a
@@ -150,18 +141,18 @@ class Batch(Told, Checked):
 
     plan: Annotated[Positional[Path], arg(metavar="PLAN.toml")]
     """The plan, a TOML file."""
-    output: OutputFolder
+    output: shared.OutputFolder
     workers: Annotated[int | None, Wanted(metavar="N", least=1)] = None
     """Share the jobs out to N processes on this machine, one core each; without it they run one after the other on one
     core. Needs the extra `batch`."""
     scheduler: Annotated[str | None, arg(metavar="ADDRESS")] = None
     """Share the jobs out to the workers of this dask scheduler, as tcp://10.0.0.1:8786. They must see DIR, and the
     plan's targets, under the same paths. Needs the extra `batch`."""
-    json: AsJson = False
-    quiet: Quiet = False
+    json: shared.AsJson = False
+    quiet: shared.Quiet = False
 
 
-@option_class()
+@shared.option_class()
 class Board:
     """Make a calibration board to print or to show on a screen: OpenCV's ChArUco pattern.
 
@@ -179,11 +170,11 @@ class Board:
     square: Annotated[str | None, arg(metavar="LENGTH")] = None
     """The side of a square, as 10mm, 1cm or 0.4in. On a screen it becomes the nearest one of whole pixels. Without it
     10mm; on a screen the smallest from there on of which the whole screen can be full."""
-    squares: Annotated[tuple[int, int] | None, whole_numbers("C R")] = None
+    squares: Annotated[tuple[int, int] | None, shared.whole_numbers("C R")] = None
     """How many columns and rows of squares. Without it as many as fit."""
     screen: Annotated[str | None, arg(metavar="LENGTH")] = None
     """The diagonal of the screen that will show the PNG, as 27in."""
-    pixels: Annotated[tuple[int, int] | None, whole_numbers("W H")] = None
+    pixels: Annotated[tuple[int, int] | None, shared.whole_numbers("W H")] = None
     """The screen's own width and height in pixels."""
 
 
@@ -191,7 +182,7 @@ BoardFile = Annotated[Path, arg(metavar="BOARD.txt")]
 LensFile = Annotated[Path | None, arg(metavar="CAMERA.txt")]
 
 
-@option_class()
+@shared.option_class()
 class Calibrate:
     """Find the lens of a camera from several pictures of a board, and write it for `photo`.
 
@@ -211,10 +202,10 @@ class Calibrate:
     transfer: Transfer | None = None
     """How the pictures' numbers were made, course (linear) or srgb. Without it what each file says; where it says
     nothing, 8 bits are srgb and more are course, which is told."""
-    quiet: Quiet = False
+    quiet: shared.Quiet = False
 
 
-@option_class()
+@shared.option_class()
 class Photo:
     """Read the index of a glass ball off photographs of a board behind it.
 
@@ -235,14 +226,14 @@ class Photo:
     radius: Annotated[str, arg(metavar="LENGTH+-SD")]
     """The ball's radius and how well it is known, as 20mm or 20+-0.01mm. The index depends on it: 0.1 % of the radius
     is 0.002 of the index or so."""
-    output: OutputFolder
+    output: shared.OutputFolder
     camera: LensFile = None
     """The lens, as `raytrace-jax calibrate` writes it; it is turned as EXIF says that the camera was. Without it the
     photograph itself has to tell, with its EXIF."""
     ruler: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
     """What the ruler of 100 mm on the board measures, as 99.9+-0.05mm: printers scale. Without it the ruler
     counts as 100+-0.1mm."""
-    ball: Annotated[tuple[int, int, int] | None, whole_numbers("X Y R")] = None
+    ball: Annotated[tuple[int, int, int] | None, shared.whole_numbers("X Y R")] = None
     """Where the ball is, if it is not found: the column and row of its middle and its radius, in pixels. Of one
     photograph."""
     fit: bool = False
@@ -253,5 +244,5 @@ class Photo:
     long: bool = False
     """Write estimates as 1.5187 +- 0.0011 in place of 1.5187(11), whose parentheses hold the error in the last digits;
     in the table, on the sheet and in the report of --fit."""
-    json: AsJson = False
-    quiet: Quiet = False
+    json: shared.AsJson = False
+    quiet: shared.Quiet = False

@@ -6,26 +6,14 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from raytrace_jax.cli.options import (
-    REPEATABLE,
-    AsJson,
-    Assignments,
-    Names,
-    OutputExr,
-    OutputFolder,
-    PictureOptions,
-    Quiet,
-    RenderOptions,
-    SceneFile,
-    Told,
-    option_class,
-    whole_numbers,
-)
+from raytrace_jax.cli import options as shared
 from raytrace_jax.exchange.formats import Format as Language
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.report import GallerySet, LessonName
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode, ModelName
-from raytrace_jax.util.checked import Checked, Wanted
+from raytrace_jax.util.checked import Wanted
+
+FigureFormat = Literal["svg", "pdf"]
 
 FileModel = Annotated[
     ModelName | None,
@@ -46,28 +34,28 @@ ScreenTransfer = Annotated[
 ]
 
 
-@option_class()
-class Render:
+@shared.option_class()
+class Render(shared.CommandOptions):
     """Render a scene to an OpenEXR picture, with a PNG beside it, and print their paths.
 
     Example: raytrace-jax render vitreous.txt -o vitreous.exr -D vitreous.ior=1.5 --aov depth normal
     """
 
-    scene: SceneFile
-    output: OutputExr
+    scene: shared.SceneFile
+    output: shared.OutputExr
     """The picture to write: OUT.exr (and OUT.png beside it), or OUT.png alone. Missing folders are made."""
-    assignments: Assignments = ()
+    assignments: shared.Assignments = ()
     half: bool = False
     """Store 16-bit floats in the OpenEXR file, half its size."""
     png: bool = True
     """Write a PNG beside the OpenEXR file."""
     png_transfer: ScreenTransfer = None
-    quiet: Quiet = False
-    render: PictureOptions = PictureOptions()
+    quiet: shared.Quiet = False
+    render: shared.PictureOptions = shared.PictureOptions()
 
 
-@option_class()
-class Grad(Told, Checked):
+@shared.option_class()
+class Grad(shared.CommandOptions):
     """Differentiate the picture of a scene with respect to parameters.
 
     OUT.exr gets the picture (R G B) and for each number a signed layer, as d.vitreous.ior.R/G/B or
@@ -77,12 +65,12 @@ class Grad(Told, Checked):
     Example: raytrace-jax grad vitreous.txt --wrt vitreous.ior vitreous.center -o derivatives.exr --check
     """
 
-    scene: SceneFile
-    wrt: Names
+    scene: shared.SceneFile
+    wrt: shared.Names
     """The parameters (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
-    output: OutputExr
+    output: shared.OutputExr
     """The OpenEXR file to write, with OUT.png beside it. Missing folders are made."""
-    assignments: Assignments = ()
+    assignments: shared.Assignments = ()
     edges: EdgeMode = "aware"
     """aware: derivatives see silhouettes and refracted edges move; point: they do not.
     Derivatives that miss edges are faster and of little use."""
@@ -96,13 +84,13 @@ class Grad(Told, Checked):
     """The step by which --check moves a parameter to either side, in the parameter's unit: first X, then X / 2, and
     less where a limit of the parameter is near. Default: the step starts at 0.006 and is halved, at most four times, as
     long as that brings the differences closer to each other."""
-    json: AsJson = False
-    quiet: Quiet = False
-    render: RenderOptions = RenderOptions()
+    json: shared.AsJson = False
+    quiet: shared.Quiet = False
+    render: shared.RenderOptions = shared.RenderOptions()
 
 
-@option_class()
-class Gallery:
+@shared.option_class()
+class Gallery(shared.CommandOptions):
     """Render a set of pictures and a labelled sheet: what a model needs each of its parts for, or what glass can be.
 
     assignment: the six pictures of the assignment page, from no total internal reflection to the final one with
@@ -114,34 +102,34 @@ class Gallery:
     Example: raytrace-jax gallery data/vitreous.txt --wrt vitreous.ior --size 320 240 -o gallery
     """
 
-    output: OutputFolder
+    output: shared.OutputFolder
     scene: Annotated[Positional[Path | None], arg(metavar="SCENE")] = None
     """The scene; without it vitreous or, for the checkpoints, checkpoints: both come with the package. The pictures of
     the set glass have scenes of their own."""
     set: GallerySet = "assignment"
     """Which pictures."""
-    wrt: Names = ()
+    wrt: shared.Names = ()
     """Parameters to differentiate by, as vitreous.ior; `raytrace-jax info SCENE` lists all."""
-    assignments: Assignments = ()
+    assignments: shared.Assignments = ()
     png_transfer: ScreenTransfer = None
-    quiet: Quiet = False
-    render: RenderOptions = RenderOptions()
+    quiet: shared.Quiet = False
+    render: shared.RenderOptions = shared.RenderOptions()
 
 
-@option_class()
-class Sweep:
+@shared.option_class()
+class Sweep(shared.CommandOptions):
     """Animate a scene: one parameter runs through a range of values, one frame for each.
 
     Example: raytrace-jax sweep vitreous.txt --over vitreous.ior=1.0:2.4:60 -o sweep.gif --bounce --label
     """
 
-    scene: SceneFile
+    scene: shared.SceneFile
     over: Annotated[str, arg(metavar="NAME=START:STOP:COUNT")]
     """The parameter and its values, evenly spaced with both ends included, as vitreous.ior=1.0:2.4:60; it is a single
     number, as vitreous.center.x; `raytrace-jax info SCENE` lists the names."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.gif")]
     """The animation to write: OUT.gif, or OUT.mp4 if ffmpeg is on the PATH. Missing folders are made."""
-    assignments: Assignments = ()
+    assignments: shared.Assignments = ()
     fps: Annotated[int, arg(metavar="N")] = 20
     """Frames a second, 1 to 60; a GIF has at most 50, and rounds to hundredths of a second a frame."""
     bounce: bool = False
@@ -152,12 +140,12 @@ class Sweep:
     """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.
     Without it what the scene's file says, or point."""
     transfer: ScreenTransfer = None
-    quiet: Quiet = False
-    render: RenderOptions = RenderOptions()
+    quiet: shared.Quiet = False
+    render: shared.RenderOptions = shared.RenderOptions()
 
 
-@option_class()
-class Rays(Told, Checked):
+@shared.option_class()
+class Rays(shared.CommandOptions):
     """Draw the rays of one pixel from the side, and list them in a table.
 
     The table on stdout has one line for each ray: the parent ray at whose hit it starts, what it hits, the distance,
@@ -166,22 +154,22 @@ class Rays(Told, Checked):
     Example: raytrace-jax rays vitreous.txt --pixel 320 240 -o rays.svg
     """
 
-    scene: SceneFile
-    pixel: Annotated[tuple[int, int], whole_numbers("X Y")]
+    scene: shared.SceneFile
+    pixel: Annotated[tuple[int, int], shared.whole_numbers("X Y")]
     """The pixel (required): its column and row, counted from the top left of the whole picture."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.svg")]
     """The drawing to write, .svg or .png. Missing folders are made."""
-    assignments: Assignments = ()
+    assignments: shared.Assignments = ()
     least_drawn: Annotated[float | None, Wanted("a share from 0 to below 1", "SHARE", least=0, below=1)] = None
     """Draw the rays that count at least this share of the pixel; the table has all of them. Without it 0.005 in the
     physical model, where a path splits at every surface, and 0 in the others."""
-    json: AsJson = False
-    quiet: Quiet = False
-    render: RenderOptions = RenderOptions()
+    json: shared.AsJson = False
+    quiet: shared.Quiet = False
+    render: shared.RenderOptions = shared.RenderOptions()
 
 
-@option_class()
-class View(Told, Checked):
+@shared.option_class()
+class View(shared.CommandOptions):
     """Show a scene on a page of this machine while its numbers move: picture, derivative and rays.
 
     The address is printed; Ctrl-C ends it. Picture, derivative and rays are compiled when they are first shown, which
@@ -190,8 +178,8 @@ class View(Told, Checked):
     Example: raytrace-jax view glass_on_board --size 320 200 --over glass.ior=1:2.4 glass.center.x=-1:1
     """
 
-    scene: SceneFile
-    over: Annotated[Names, arg(metavar="NAME=START:STOP ...")] = ()
+    scene: shared.SceneFile
+    over: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=START:STOP ...")] = ()
     """The numbers that get a slider, each with its range, which must contain the scene's value. Without this option:
     index and centre of the first glass ball."""
     port: Annotated[int, Wanted(metavar="N", least=0, most=2**16 - 1)] = 0
@@ -199,12 +187,12 @@ class View(Told, Checked):
     edges: EdgeMode = "aware"
     """aware: derivatives see silhouettes and refracted edges move, as those of `grad`; point: they do not, and come ten
     times as fast."""
-    assignments: Assignments = ()
-    render: RenderOptions = RenderOptions()
+    assignments: shared.Assignments = ()
+    render: shared.RenderOptions = shared.RenderOptions()
 
 
-@option_class()
-class Teach:
+@shared.option_class()
+class Teach(shared.CommandOptions):
     """Draw the figures of a lecture on refraction and its derivatives, with a page that explains them.
 
     DIR gets a PNG of each figure, for slides and print also SVG or PDF, and index.md with a paragraph on each. The
@@ -213,16 +201,16 @@ class Teach:
     Example: raytrace-jax teach -o lecture
     """
 
-    output: OutputFolder
-    only: Annotated[tuple[LessonName, ...], REPEATABLE, arg(metavar="NAME ...")] = ()
+    output: shared.OutputFolder
+    only: Annotated[tuple[LessonName, ...], shared.repeatable(LessonName, "NAME ...")] = ()
     """Draw only these. snell, fresnel, critical, ball: the formulas; total_reflection: automatic differentiation of a
     square root; edges: derivative pictures with and without edges; cost: the error against the index."""
-    also: Annotated[tuple[Literal["svg", "pdf"], ...], REPEATABLE, arg(metavar="svg pdf")] = ()
+    also: Annotated[tuple[FigureFormat, ...], shared.repeatable(FigureFormat, "svg pdf")] = ()
     """Write each figure in these formats, too."""
-    quiet: Quiet = False
+    quiet: shared.Quiet = False
 
 
-@option_class()
+@shared.option_class()
 class New:
     """Write a scene to begin with, whose comments say what has to be measured for a picture of your own.
 
@@ -237,32 +225,32 @@ class New:
     """The file to write; one that is there stays."""
 
 
-@option_class()
-class Format:
+@shared.option_class()
+class Format(shared.CommandOptions):
     """Write a scene file in canonical form, with the same numbers.
 
     Example: raytrace-jax format vitreous.txt -D vitreous.radius=2 > smaller.txt
     """
 
-    scene: SceneFile
-    assignments: Assignments = ()
+    scene: shared.SceneFile
+    assignments: shared.Assignments = ()
     model: FileModel = None
 
 
-@option_class()
-class Info:
+@shared.option_class()
+class Info(shared.CommandOptions):
     """List the blocks of a scene and its parameters, by the names that -D and --free take.
 
     Example: raytrace-jax info vitreous.txt
     """
 
-    scene: SceneFile
-    assignments: Assignments = ()
+    scene: shared.SceneFile
+    assignments: shared.Assignments = ()
     model: FileModel = None
-    json: AsJson = False
+    json: shared.AsJson = False
 
 
-@option_class()
+@shared.option_class()
 class Scenes:
     """List the scenes that come with the package: every command takes their names for a SCENE.
 
@@ -270,8 +258,8 @@ class Scenes:
     """
 
 
-@option_class()
-class Export:
+@shared.option_class()
+class Export(shared.CommandOptions):
     """Write a physical scene for POV-Ray 3.7 or for Mitsuba 3.
 
     The file's head has the command that renders it. Pictures of textures are written beside it, as OpenEXR. Features
@@ -280,18 +268,18 @@ class Export:
     Example: raytrace-jax export glass_on_board --to mitsuba -o board.xml
     """
 
-    scene: SceneFile
+    scene: shared.SceneFile
     to: Language
     """pov: POV-Ray's language; mitsuba: XML; mitsuba-dict: a Python program with the dictionary for mitsuba.load_dict.
     """
     output: Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
     """The file to write. Missing folders are made."""
-    assignments: Assignments = ()
-    quiet: Quiet = False
-    render: RenderOptions = RenderOptions()
+    assignments: shared.Assignments = ()
+    quiet: shared.Quiet = False
+    render: shared.RenderOptions = shared.RenderOptions()
 
 
-@option_class()
+@shared.option_class()
 class Import:
     """Read a scene of Mitsuba 3 and write it as a model.txt file.
 
@@ -307,4 +295,4 @@ class Import:
     """The scene of Mitsuba 3, as XML."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="SCENE")]
     """The model.txt file to write. Missing folders are made."""
-    quiet: Quiet = False
+    quiet: shared.Quiet = False
