@@ -1,4 +1,4 @@
-"""JPEG and TIFF files come from cameras and scanners: how they lay out numbers, and which are raw files.
+"""JPEG and TIFF files of cameras and scanners: how they lay out numbers, and which are raw files.
 
 What is undone here is what OpenImageIO leaves, or what programs disagree on (TIFF 6.0, 3, 8 and 14).
 """
@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import directories, exif_of
 from raytrace_jax.images.icc import Curve, read_profile
-from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.picture_file import PaintableFile
+from raytrace_jax.images.picture_file import LibraryFile
 from raytrace_jax.images.transfer import REC_709, ColourSpace, power_curve, srgb_to_linear, to_rec_709
 from raytrace_jax.util.files import read_bytes
 
@@ -49,7 +49,7 @@ MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]", re.DOTALL)
 END, SCAN, NO_FRAMES = 0xD9, 0xDA, (0xC4, 0xC8, 0xCC)
 
 
-class CameraFile(PaintableFile):
+class CameraFile(LibraryFile):
     """A JPEG or a TIFF, which says by an ICC profile what its numbers mean, or by EXIF that it does not say."""
 
     def meaning(self) -> Transfer | ColourSpace | None:

@@ -18,7 +18,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.images.options import Transfer
+from raytrace_jax.images import Transfer
 from raytrace_jax.scene import setting_words as words
 from raytrace_jax.util.text import quoted
 

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from raytrace_jax.images.options import Transfer
+from raytrace_jax.images import Transfer
 from raytrace_jax.scene import scene
 from raytrace_jax.scene import setting_words as words
 from raytrace_jax.scene.lens import visible_fraction

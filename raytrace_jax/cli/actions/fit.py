@@ -16,10 +16,10 @@ from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.preparation import check_folder, read_picture_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import angle_of_view
 from raytrace_jax.images.jpeg import jpeg_storage
 from raytrace_jax.images.masks import clipped_pixels, read_mask
-from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_picture, states_colours
 from raytrace_jax.images.transfer import DECODERS, ENCODERS
 from raytrace_jax.inverse.build_problem import as_file_says, asked_for, build_problem

@@ -22,7 +22,7 @@ from raytrace_jax.cli.options import (
     split_assignment,
     whole_numbers,
 )
-from raytrace_jax.images.options import Clipped, Transfer
+from raytrace_jax.images import Clipped, Transfer
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.util.checked import Checked, Wanted
 from raytrace_jax.util.text import PaperName, parse_number
