@@ -107,11 +107,11 @@ def _material(shape: Shape, stem: str, files: Files, halves: np.ndarray) -> str:
     if material.is_glass:
         finish = "finish { ambient 0 diffuse 0 reflection { 0, 1 fresnel on } conserve_energy }"
         # With this power POV-Ray's light falls off as exp(-(1 - colour) * length / distance).
-        colour = pov_vector(1 - material.absorption)
+        colour = pov_vector(1 - np.asarray(material.absorption))
         fade = f" fade_distance 1 fade_power 1001 fade_color rgb {colour}" if np.any(material.absorption) else ""
         return f"pigment {{ rgbt 1 }} {finish} interior {{ ior {material.ior!r}{fade} }}"
     is_matt = bool(np.any(material.diffuse))
-    colours = material.diffuse if is_matt else material.emission
+    colours = np.asarray(material.diffuse if is_matt else material.emission)
     pigment = f"rgb {pov_vector(colours)}"
     if material.texture is not None:
         pigment = _texture(material.texture, colours, f"{stem}.{material.name}.exr", files, halves)

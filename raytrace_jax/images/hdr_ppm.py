@@ -8,18 +8,15 @@ import numpy as np
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.picture_file import LibraryFile
-from raytrace_jax.images.transfer import ENCODERS
+from raytrace_jax.images.transfer import ENCODERS, REC_709
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 HDR_HEADER = re.compile(rb"(#\?(?:[^\r\n]+\r?\n)*)\r?\n-Y +(\d{1,9}) +\+X +(\d{1,9}) *\r?\n")
 """Lines up to an empty one, and the size of a picture that is stored from its upper left."""
 
-HDR_REFUSED = re.compile(
-    rb"^(?:(?:EXPOSURE|GAMMA|PIXASPECT|COLORCORR)=(?!(?:\s*1(?:\.0*)?)+\s*$)|PRIMARIES=(?!(?:\s*0(?:\.0*)?)+\s*$)"
-    rb"|FORMAT=(?!32-bit_rle_rgbe\s*$)).*",
-    re.MULTILINE,
-)
-"""A line by which numbers are not the light itself; Photoshop writes primaries of 0, which say nothing."""
+HDR_SAYS = re.compile(rb"^(EXPOSURE|GAMMA|PIXASPECT|COLORCORR|PRIMARIES|FORMAT(?!=32-bit_rle_rgbe\s*$))=(.*)", re.M)
+HDR_READ = {b"COLORCORR": [(1, 1, 1)], b"PRIMARIES": [REC_709, (0,) * 8], b"FORMAT": []}
+"""Numbers by which a header changes no colour, where it is not 1 alone; Photoshop writes primaries of 0."""
 
 PPM_HEADER = re.compile(rb"P[36]" + 3 * rb"(?:\s|#[^\n\r]*[\n\r])+(\d{1,9})" + rb"\s")
 """Width, height and the largest number, with spaces or comments before each, and one space behind them."""
@@ -36,8 +33,14 @@ class HdrFile(LibraryFile):
         head = HDR_HEADER.match(data)
         if head is None:
             raise self.error(f"has no header with a size such as '-Y 480 +X 640', or is turned: {advice}")
-        if said := HDR_REFUSED.search(head[1]):
-            raise self.error(f"says {said[0].decode('latin-1').strip()[:60]}, which is not read: {advice}")
+        for name, value in HDR_SAYS.findall(head[1]):
+            try:
+                numbers = tuple(map(float, value.split()))
+            except ValueError:
+                numbers = ()
+            if numbers not in HDR_READ.get(name, [(1,)]):
+                said = f"{name.decode()}={value.strip()[:60].decode('latin-1')}"
+                raise self.error(f"says {said}, which is not read: {advice}")
         # A byte stands for 16 pixels at most: runs of 127 take two bytes in each of four channels.
         body = data[head.end() :]
         if int(head[2]) * int(head[3]) > 16 * len(body):

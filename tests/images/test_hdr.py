@@ -99,6 +99,7 @@ def test_every_coding_gives_the_formula_and_is_known_by_its_contents(tmp_path_fa
 def test_what_a_header_says_and_changes_no_colour_is_no_reason_to_refuse(stored):
     pixels = pixels_with_runs(2, 3)
     head = b"#?RGBE\r\nSOFTWARE=x\r\nEXPOSURE=1.0\r\nCOLORCORR=1 1 1\r\nGAMMA=1\r\nPRIMARIES=0 0 0 0 0 0 0 0\r\n"
+    head += b"PRIMARIES=0.640 .33 0.3 0.6 0.15 0.06 0.3127 0.329\r\n"
     content = hdr_bytes(pixels, head=head + b"FORMAT=32-bit_rle_rgbe\r\n\r", size="-Y 2 +X 3\r")
     np.testing.assert_allclose(read_picture(stored(content)), colours(pixels), rtol=2e-7, atol=0)
 

@@ -201,7 +201,7 @@ def _checkerboard(texture: Texture, scale: np.ndarray, name: str, halves: np.nda
 
 
 def _medium(material: Material) -> Plugin:
-    values: dict[str, Value] = {"sigma_t": _color(material.absorption), "albedo": 0.0}
+    values: dict[str, Value] = {"sigma_t": _color(np.asarray(material.absorption)), "albedo": 0.0}
     return Plugin("medium", "homogeneous", "", values)
 
 
