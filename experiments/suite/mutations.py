@@ -72,9 +72,7 @@ MUTATIONS = {
     "pixel_row": Mutation(
         "tracer/geometry/camera.py", "from_bottom = (height - 1) - row", "from_bottom = height - row", "cameras render"
     ),
-    "checker_edges": Mutation(
-        "tracer/shading/textures.py", "(i, j, i * j) for", "(i, j, abs(i * j)) for", "textures"
-    ),
+    "checker_edges": Mutation("tracer/shading/textures.py", "(i, j, i * j) for", "(i, j, abs(i * j)) for", "textures"),
     "cauchy_guard": Mutation(
         "inverse/problem/linearize.py", "large = squared > 1e-8", "large = squared > -1.0", "losses"
     ),

@@ -1,1 +1,6 @@
 """Scenes for other renderers, and from them."""
+
+from typing import Literal
+
+Format = Literal["pov", "mitsuba", "mitsuba-dict"]
+"""POV-Ray 3.7's language; Mitsuba 3's XML; a program in Python with the dictionary that Mitsuba takes."""

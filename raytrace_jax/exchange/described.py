@@ -1,7 +1,7 @@
-"""A physical scene becomes plain numbers, as the writers for other renderers take them."""
+"""A physical scene in plain numbers, as the writers for other renderers take them and the import makes them."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -55,6 +55,7 @@ class Texture(NamedTuple):
 
 
 Vector = Float[np.ndarray, "3"]
+BLACK = (0.0, 0.0, 0.0)
 
 
 class Said(NamedTuple):
@@ -86,18 +87,36 @@ class Material:
     """What a surface is made of; the fields are those of a physical material in `scene.Materials`."""
 
     name: str
-    diffuse: Vector
-    emission: Vector
-    absorption: Vector
-    ior: float
-    reflectivity: float
-    transmission: float
-    texture: Texture | None
+    diffuse: Vector | tuple[float, ...] = BLACK
+    emission: Vector | tuple[float, ...] = BLACK
+    absorption: Vector | tuple[float, ...] = BLACK
+    ior: float = 1.0
+    reflectivity: float = 0.0
+    transmission: float = 0.0
+    texture: Texture | None = None
+    inside: float = 0.0  # The index within a glass and that around it, as a file says that is imported.
+    outside: float = 1.0
 
     @property
     def is_glass(self) -> bool:
         """Whether light goes through."""
         return self.transmission > 0
+
+    def is_like(self, other: "Material") -> bool:
+        """Whether another one, of tuples as this one, is the same."""
+        alike = dataclasses.replace(self, texture=None) == dataclasses.replace(other, texture=None)
+        return alike and (other.texture is None if self.texture is None else self.texture.is_like(other.texture))
+
+    def blocks(self, name: str, texture_name: Callable[[str], str]) -> list[Description]:
+        """The block of a material of tuples, after that of its texture where it has one."""
+        keys = ("diffuse", "emission", "absorption", "reflectivity", "transmission")
+        values: dict[str, Any] = {key: getattr(self, key) for key in keys if getattr(self, key) not in (BLACK, 0.0)}
+        if self.is_glass:
+            values["ior"] = self.ior
+        if self.texture is None:
+            return [build.material(name, **values)]
+        texture = texture_name(self.texture.name or f"{name}_texture")
+        return [self.texture.block(texture), build.material(name, texture=texture, **values)]
 
 
 class Shape(NamedTuple):
@@ -105,8 +124,9 @@ class Shape(NamedTuple):
 
     keyword: str
     name: str
-    numbers: dict[str, np.ndarray]
+    numbers: dict[str, Any]
     material: Material
+    is_within: bool = False  # A file that is imported says that a medium is around it.
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
         """A plane's directions to the right and upwards, in which a texture lies on it; see `plane.frame`."""
@@ -217,12 +237,11 @@ def _material(scene: Scene, block: Block, lost: list[str]) -> Material:
     if 0 < numbers["transmission"] < 1 or (numbers["transmission"] and np.any(numbers["emission"])):
         lost.append(f"{block.name}: glass that is something else as well; it is written as clear glass")
     texture = block.refers_to(scene, "texture")
-    colours = {name: numbers[name] for name in ("diffuse", "emission", "absorption")}
+    diffuse, emission, absorption = (numbers[name] for name in ("diffuse", "emission", "absorption"))
     reflectivity, transmission = (float(numbers[name]) for name in ("reflectivity", "transmission"))
     shown = _texture(scene, texture) if texture else None
-    return Material(
-        block.name, **colours, ior=float(ior), reflectivity=reflectivity, transmission=transmission, texture=shown
-    )
+    glass = {"ior": float(ior), "reflectivity": reflectivity, "transmission": transmission}
+    return Material(block.name, diffuse, emission, absorption, texture=shown, **glass)
 
 
 def _texture(scene: Scene, block: Block) -> Texture:
@@ -254,14 +273,9 @@ def around(shape: Shape, glass: list[Shape]) -> Material | None:
     """The glass that a sphere lies in: that of the smallest sphere which holds it; None in vacuum."""
     if shape.keyword != "sphere":
         return None
-    holding = [other for other in glass if holds(other.numbers, shape.numbers)]
-    return min(holding, key=lambda other: other.numbers["radius"]).material if holding else None
-
-
-def holds(outer: Mapping[str, Any], inner: Mapping[str, Any]) -> bool:
-    """Whether a sphere, by its numbers, lies in another, larger one."""
-    reach = _apart(outer, inner) + inner["radius"]
-    return bool(inner["radius"] < outer["radius"] and reach <= outer["radius"])
+    radius, reach = (lambda other: other.numbers["radius"]), shape.numbers["radius"]
+    holding = [o for o in glass if reach < radius(o) and _apart(o.numbers, shape.numbers) + reach <= radius(o)]
+    return min(holding, key=radius).material if holding else None
 
 
 def _apart(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:

@@ -1,4 +1,4 @@
-"""A scene is written for another renderer, with the pictures of its textures beside it."""
+"""Files of a scene for other renderers, with the pictures of its textures beside them."""
 
 import os
 from pathlib import Path
@@ -7,9 +7,9 @@ from typing import get_args
 import numpy as np
 
 from raytrace_jax.errors import SceneError
+from raytrace_jax.exchange import Format
 from raytrace_jax.exchange.described import describe_scene
-from raytrace_jax.exchange.formats import Format
-from raytrace_jax.exchange.mitsuba.export import Export
+from raytrace_jax.exchange.mitsuba.export import MitsubaWriter
 from raytrace_jax.exchange.mitsuba.plugins import python_text, xml_text
 from raytrace_jax.exchange.pov import pov_text
 from raytrace_jax.images.exr import write_exr
@@ -43,8 +43,8 @@ def export_scene(
     if to == "pov":
         text, files, lost = pov_text(described, path.name)
     else:
-        export = Export(described, path.stem)
-        plugins, files, lost = export.plugins(), export.files, list(dict.fromkeys(export.lost))
+        writer = MitsubaWriter(described, path.stem)
+        plugins, files, lost = writer.plugins(), writer.files, list(dict.fromkeys(writer.lost))
         text = (xml_text if to == "mitsuba" else python_text)(plugins, lost, path.name)
     for name, texels in files.items():
         write_exr(path.parent / name, np.asarray(texels, np.float32))

@@ -1,4 +1,4 @@
-"""A scene becomes a file for POV-Ray 3.7.
+"""A scene in the language of POV-Ray 3.7.
 
 Its lines, without antialiasing, are one ray at each pixel's centre; n times as large, and averaged, n x n samples.
 """
@@ -8,9 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from raytrace_jax.exchange.described import Described, Shape, Texture, touch
-
-TINY = 1e-3
-"""POV-Ray's light falls off as 2 / (1 + (d / fade_distance)^2): an inverse square far beyond a tiny fade distance."""
 
 Files = dict[str, np.ndarray]
 
@@ -22,7 +19,9 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
     """
     files: Files = {}
     stem, settings, (width, height) = Path(name).stem, scene.settings, scene.view.size
-    lights = [(light.location, light.intensity / (2 * np.pi * TINY**2)) for light in scene.lights]
+    # POV-Ray's light falls off as 2 / (1 + (d / fade)^2): an inverse square far beyond a tiny fade distance.
+    fade = 1e-3
+    lights = [(light.location, light.intensity / (2 * np.pi * fade**2)) for light in scene.lights]
     body = [
         "#version 3.7;",
         f"global_settings {{ assumed_gamma 1 ambient_light 0 max_trace_level {settings.max_bounces + 1} "
@@ -31,7 +30,7 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
         f"camera {{ perspective location {pov_vector(scene.view.eye)} direction {pov_vector(scene.view.middle)} "
         f"right {pov_vector(scene.view.across)} up {pov_vector(scene.view.upwards)} }}",
         *(
-            f"light_source {{ {pov_vector(place)} rgb {pov_vector(colour)} fade_distance {TINY} fade_power 2 }}"
+            f"light_source {{ {pov_vector(place)} rgb {pov_vector(colour)} fade_distance {fade} fade_power 2 }}"
             for place, colour in lights
         ),
         *(_shape(shape, stem, files) for shape in scene.shapes),
@@ -108,11 +107,11 @@ def _material(shape: Shape, stem: str, files: Files, halves: np.ndarray) -> str:
     if material.is_glass:
         finish = "finish { ambient 0 diffuse 0 reflection { 0, 1 fresnel on } conserve_energy }"
         # With this power POV-Ray's light falls off as exp(-(1 - colour) * length / distance).
-        colour = pov_vector(1 - material.absorption)
+        colour = pov_vector(1 - np.asarray(material.absorption))
         fade = f" fade_distance 1 fade_power 1001 fade_color rgb {colour}" if np.any(material.absorption) else ""
         return f"pigment {{ rgbt 1 }} {finish} interior {{ ior {material.ior!r}{fade} }}"
     is_matt = bool(np.any(material.diffuse))
-    colours = material.diffuse if is_matt else material.emission
+    colours = np.asarray(material.diffuse if is_matt else material.emission)
     pigment = f"rgb {pov_vector(colours)}"
     if material.texture is not None:
         pigment = _texture(material.texture, colours, f"{stem}.{material.name}.exr", files, halves)

@@ -1,4 +1,4 @@
-"""Frames become a GIF, or an MP4 by the program ffmpeg, with words on each."""
+"""GIF and, by the program ffmpeg, MP4 animations of frames with words on each."""
 
 import shutil
 import subprocess
@@ -12,8 +12,6 @@ from raytrace_jax.errors import RaytraceError
 from raytrace_jax.util.files import atomic_write
 
 SUFFIXES = (".gif", ".mp4")
-LEAST_FONT = 10
-"""Pixels; smaller letters cannot be read."""
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 MOST_GIF_FPS = 50
 """What viewers show at full speed: two hundredths of a second a frame."""
@@ -47,7 +45,8 @@ def require_ffmpeg(path: Path) -> str:
 
 def label_frames(frames: Sequence[Image.Image], name: str, values: Sequence[str]) -> list[Image.Image]:
     """Frames of one size with `name = value` on each: in the lower left corner, or below a frame too small for that."""
-    size = max(LEAST_FONT, frames[0].height // 20)
+    least = 10  # Pixels; smaller letters cannot be read.
+    size = max(least, frames[0].height // 20)
     font = ImageFont.load_default(size)
     width, height = frames[0].size
     texts = [f"{name} = {value}" for value in values]
@@ -59,7 +58,7 @@ def label_frames(frames: Sequence[Image.Image], name: str, values: Sequence[str]
         for frame, text in zip(labelled, texts, strict=True):
             ImageDraw.Draw(frame).text((size // 2, height - size // 2), text, "white", font, **style)
         return labelled
-    font, line, room = ImageFont.load_default(LEAST_FONT), LEAST_FONT + 3, width - 2
+    font, line, room = ImageFont.load_default(least), least + 3, width - 2
     if max(map(font.getlength, texts)) <= room:
         return [_with_strip(frame, [text], font, line) for frame, text in zip(frames, texts, strict=True)]
     # The end of a name says more than its beginning.

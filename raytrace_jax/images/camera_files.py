@@ -1,4 +1,4 @@
-"""JPEG and TIFF files come from cameras and scanners: how they lay out numbers, and which are raw files.
+"""JPEG and TIFF files of cameras and scanners: how they lay out numbers, and which are raw files.
 
 What is undone here is what OpenImageIO leaves, or what programs disagree on (TIFF 6.0, 3, 8 and 14).
 """
@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL.ExifTags import Base
 
+from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import directories, exif_of
 from raytrace_jax.images.icc import Curve, read_profile
-from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.picture_file import PaintableFile
+from raytrace_jax.images.picture_file import LibraryFile
 from raytrace_jax.images.transfer import REC_709, ColourSpace, power_curve, srgb_to_linear, to_rec_709
 from raytrace_jax.util.files import read_bytes
 
@@ -34,22 +35,17 @@ RAW_SUFFIXES = (
     ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw",
 )  # fmt: skip
 
-# Tags of TIFF, TIFF/EP and DNG, and their values that only raw files have.
-SUBFILE, BITS, COMPRESSION, PHOTOMETRIC, PREDICTOR, INNER = 254, 258, 259, 262, 317, 330
-CURVES, WHITE, PRIMARIES, LEVELS = 301, 318, 319, 532
+# Tags of TIFF/EP and DNG, and values of others, that only raw files have.
 MOSAIC_OR_DNG = {33421, 33422, 50706}
 RAW_PHOTOMETRIC, RAW_COMPRESSION = {32803, 34892}, {32767, 32769, 32770, 34713, 65000, 65535}
-UNCOMPRESSED, DIFFERENCES, WHITE_IS_ZERO = 1, (2, 3), 0
 COLOURS = {8: "CIE L*a*b*", 9: "ICC L*a*b*", 10: "ITU L*a*b*", 32844: "LogL", 32845: "LogLuv"}
 """Photometric interpretations that are not light or sRGB."""
 
 MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]", re.DOTALL)
 """A marker of a JPEG that is followed by a length, or the end; others stand amid the picture's bits."""
 
-END, SCAN, NO_FRAMES = 0xD9, 0xDA, (0xC4, 0xC8, 0xCC)
 
-
-class CameraFile(PaintableFile):
+class CameraFile(LibraryFile):
     """A JPEG or a TIFF, which says by an ICC profile what its numbers mean, or by EXIF that it does not say."""
 
     def meaning(self) -> Transfer | ColourSpace | None:
@@ -107,20 +103,20 @@ class TiffFile(CameraFile):
     def stored(self) -> np.ndarray:
         """As of any file, with black at zero and scaled to the largest number exactly, if it can be read in one way."""
         stored, tags = super().stored(), next(directories(self.path))
-        bits = int(np.max(tags.get(BITS, 1)))
-        colours = COLOURS.get(int(tags.get(PHOTOMETRIC, 1)))
+        bits = int(np.max(tags.get(Base.BitsPerSample, 1)))
+        colours = COLOURS.get(int(tags.get(Base.PhotometricInterpretation, 1)))
         if colours is not None:
             raise self.error(f"its colours are {colours}; RGB is wanted")
-        if tags.get(PREDICTOR, 1) in DIFFERENCES and tags.get(COMPRESSION, UNCOMPRESSED) == UNCOMPRESSED:
-            said = f"says that it stores differences (predictor {tags[PREDICTOR]}) without compression"
+        if tags.get(Base.Predictor, 1) in (2, 3) and tags.get(Base.Compression, 1) == 1:
+            said = f"says that it stores differences (predictor {tags[Base.Predictor]}) without compression"
             raise self.error(f"{said}, which programs read differently: save it without predictor")
-        levels, largest = np.ravel(tags.get(LEVELS, ())).tolist(), 2**bits - 1
+        levels, largest = np.ravel(tags.get(Base.ReferenceBlackWhite, ())).tolist(), 2**bits - 1
         if levels and levels not in ([0, largest] * 3, [0, largest, *(2 ** (bits - 1), largest) * 2]):
             wanted = f"0 and {largest} are wanted: save it with the full range"
             raise self.error(
                 f"says that its numbers of black and white are {levels} (ReferenceBlackWhite), and {wanted}"
             )
-        is_white_zero = tags.get(PHOTOMETRIC) == WHITE_IS_ZERO
+        is_white_zero = tags.get(Base.PhotometricInterpretation) == 0
         if stored.dtype.kind != "u":
             if is_white_zero:
                 raise self.error("has floats of which white is zero, which are no light")
@@ -140,12 +136,15 @@ def _space(tags: Mapping[int, Any], usual: Curve) -> ColourSpace | None:
     "FILE: ".
     """
     try:
-        table, white, primaries = (np.ravel(tags.get(tag, ())).astype(float) for tag in (CURVES, WHITE, PRIMARIES))
+        table, white, primaries = (
+            np.ravel(tags.get(tag, ())).astype(float)
+            for tag in (Base.TransferFunction, Base.WhitePoint, Base.PrimaryChromaticities)
+        )
         # A curve for all channels, or for each one, has 2^bits entries.
         curves = table.reshape(3 if table.size % 3 == 0 else 1, -1) / 65535
     except (TypeError, ValueError) as cause:
         raise ValueError("has a TransferFunction, WhitePoint or PrimaryChromaticities that are no numbers") from cause
-    if tags.get(PHOTOMETRIC) == WHITE_IS_ZERO:
+    if tags.get(Base.PhotometricInterpretation) == 0:
         curves = curves[:, ::-1]
     codes = curves.shape[1]
     matrix = to_rec_709((*(primaries if primaries.size else REC_709[:6]), *(white if white.size else REC_709[6:])))
@@ -168,10 +167,13 @@ def _is_raw(path: str | os.PathLike[str]) -> bool:
     with warnings.catch_warnings(), contextlib.suppress(OSError, SyntaxError, ValueError, LookupError, struct.error):
         warnings.simplefilter("ignore")  # What Pillow says of broken tags, of which OpenImageIO will speak.
         for number, tags in enumerate(directories(path)):
-            if tags.get(PHOTOMETRIC) in RAW_PHOTOMETRIC or tags.get(COMPRESSION) in RAW_COMPRESSION:
+            if (
+                tags.get(Base.PhotometricInterpretation) in RAW_PHOTOMETRIC
+                or tags.get(Base.Compression) in RAW_COMPRESSION
+            ):
                 return True
             # A first picture that is a smaller copy (1) stands before the one that was taken.
-            is_preview = number == 0 and tags.get(SUBFILE) == 1 and INNER in tags
+            is_preview = number == 0 and tags.get(Base.NewSubfileType) == 1 and Base.SubIFDs in tags
             if is_preview or not MOSAIC_OR_DNG.isdisjoint(tags):
                 return True
     return False
@@ -179,19 +181,20 @@ def _is_raw(path: str | os.PathLike[str]) -> bool:
 
 def lacks_scans(data: bytes) -> bool:
     """Whether a JPEG's file ends before all bits of all coefficients have come (ISO/IEC 10918-1, B.2 and G.1.1)."""
+    start_of_scan, end_of_image = 0xDA, 0xD9
     # For each component, by its number, and each coefficient: how many bits are left to come.
     left, components, is_progressive, position = np.full((256, 64), 16), [], False, 2
-    while (found := MARKER.search(data, position)) is not None and (kind := data[found.start() + 1]) != END:
+    while (found := MARKER.search(data, position)) is not None and (kind := data[found.start() + 1]) != end_of_image:
         start = found.start() + 4
         position = start - 2 + max(2, int.from_bytes(data[start - 2 : start], "big"))
         segment = data[start:position]
-        if kind == SCAN and segment and len(segment) >= 4 + 2 * segment[0]:
+        if kind == start_of_scan and segment and len(segment) >= 4 + 2 * segment[0]:
             first, last, bits = segment[1 + 2 * segment[0] :][:3]
             these = list(segment[1 : 1 + 2 * segment[0] : 2])
             if is_progressive:
                 left[these, first : last + 1] = bits & 15
             else:
                 left[these] = 0
-        elif 0xC0 <= kind <= 0xCF and kind not in NO_FRAMES and len(segment) > 6:
+        elif 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC) and len(segment) > 6:
             components, is_progressive = list(segment[6::3]), kind & 3 == 2
     return bool(left[components].any())

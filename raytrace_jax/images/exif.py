@@ -1,4 +1,4 @@
-"""EXIF says how a picture is turned and through which lens it was taken; Pillow reads it, of JPEGs, PNGs and TIFFs."""
+"""EXIF of JPEGs, PNGs and TIFFs, read by Pillow: how a picture is turned, and through which lens it was taken."""
 
 import math
 import os

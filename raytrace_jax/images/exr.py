@@ -1,4 +1,4 @@
-"""OpenEXR files hold scene-linear float channels by name, and our metadata, exact, as one JSON string.
+"""OpenEXR files: scene-linear float channels by name, and our metadata, exact, as one JSON string.
 
 Arrays are "height width" with the top row first, as the file has them. Channel names are layers:
 `ViewLayer.Combined.R` is the component `R` of the layer `ViewLayer.Combined`.

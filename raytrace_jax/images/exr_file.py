@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images import Transfer
 from raytrace_jax.images.exr import (
     RGB,
     ExrPicture,
@@ -17,7 +18,6 @@ from raytrace_jax.images.exr import (
     read_metadata,
     refuse_not_finite,
 )
-from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.picture_file import PictureFile, PictureOrigin
 from raytrace_jax.images.transfer import (
     LINEAR_SPACES,

@@ -1,11 +1,11 @@
-"""Pictures are blurred by a Gaussian and averaged over squares of pixels."""
+"""Gaussian blur, and means over squares of pixels."""
 
-from typing import Any
+from types import ModuleType
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 
 def gaussian_blur(
@@ -17,21 +17,23 @@ def gaussian_blur(
     needs no new compile. Two matrix products of the picture's size are as fast as any convolution at these sizes and
     linear to the letter, so that a blurred derivative is the derivative of the blurred picture.
     """
+    return jax.lax.cond(sigma > 0, lambda image: blurred(image, sigma, jnp), lambda image: image, image)
+
+
+def blurred(image, sigma, xp: ModuleType = np):
+    """Blur as `gaussian_blur` does; in NumPy, which needs no new program for another size, or in the library `xp`."""
+
+    def kernel(size: int):
+        """Row i holds the weights with which the pixels of a line contribute to its blurred pixel i, "size size"."""
+        position = xp.arange(size, dtype=image.dtype)
+        # A sigma of 0 must not divide by 0; its kernel is the identity.
+        distance = (position[:, None] - position[None, :]) / xp.maximum(xp.asarray(sigma, image.dtype), 1e-3)
+        # Cut the exponent, not the result: exp(-80) = 2e-35 is a normal number of float32, and no weight that counts.
+        weights = xp.exp(-xp.minimum(distance * distance / 2, 80.0))
+        return weights / xp.sum(weights, axis=1, keepdims=True)
+
     height, width = image.shape[-2:]
-
-    def apply(image):
-        rows, columns = kernel(height, sigma, image.dtype), kernel(width, sigma, image.dtype)
-        return rows @ image @ columns.T
-
-    return jax.lax.cond(sigma > 0, apply, lambda image: image, image)
-
-
-def blurred(image: Float[np.ndarray, "*any height width"], sigma: float) -> Float[np.ndarray, "*any height width"]:
-    """Blur as `gaussian_blur` does, in NumPy, which needs no new program for another size."""
-    if sigma == 0:
-        return image
-    rows, columns = (kernel(size, sigma, image.dtype, np) for size in image.shape[-2:])
-    return rows @ image @ columns.T
+    return kernel(height) @ image @ kernel(width).T
 
 
 def bin_pixels(image: Float[np.ndarray, "*any height width"], binning: int) -> Float[np.ndarray, "*any rows columns"]:
@@ -39,16 +41,3 @@ def bin_pixels(image: Float[np.ndarray, "*any height width"], binning: int) -> F
     rows, columns = (max(1, size // binning) for size in image.shape[-2:])
     image = image[..., : rows * binning, : columns * binning]
     return image.reshape(*image.shape[:-2], rows, -1, columns, image.shape[-1] // columns).mean((-3, -1))
-
-
-def kernel(size: int, sigma: Float[ArrayLike, ""], dtype, numpy: Any = jnp) -> Any:
-    """Row i holds the weights with which the pixels of a line contribute to its blurred pixel i, "size size".
-
-    `numpy` is the library, of JAX or its model, whose array it is.
-    """
-    position = numpy.arange(size, dtype=dtype)
-    # A blur of 0 is traced but not taken: it must not divide by 0.
-    distance = (position[:, None] - position[None, :]) / numpy.maximum(numpy.asarray(sigma, dtype), 1e-3)
-    # Cut the exponent, not the result: exp(-80) = 2e-35 is still a normal number of float32, and no weight that counts.
-    weights = numpy.exp(-numpy.minimum(distance * distance / 2, 80.0))
-    return weights / numpy.sum(weights, axis=1, keepdims=True)

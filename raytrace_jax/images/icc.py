@@ -1,4 +1,4 @@
-"""ICC profiles give a curve for each channel and a matrix, as cameras, screens and editors embed them.
+"""ICC profiles with a curve for each channel and a matrix, as cameras, screens and editors embed them.
 
 The format is ICC.1:2022 (https://www.color.org/specification/ICC.1-2022-05.pdf): header and tags in 7.2 and 7.3, the
 kinds of tags in 10. Profiles that are tables of colours, of printers and some scanners, are refused.
@@ -15,9 +15,6 @@ SRGB_TO_XYZ = np.array(
     [[0.4360747, 0.3850649, 0.1430804], [0.2225045, 0.7168786, 0.0606169], [0.0139322, 0.0971045, 0.7141733]]
 )
 """sRGB's light in CIE XYZ, adapted to the white of profiles, D50, by Bradford's transform."""
-
-NEARLY_SRGB = 1e-3
-"""A curve whose light is nowhere farther from sRGB's is sRGB: its table, or formula, is rounded."""
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -48,8 +45,9 @@ def read_profile(data: bytes) -> ColourSpace | None:
     except (struct.error, IndexError, UnicodeDecodeError, np.linalg.LinAlgError) as cause:
         words = "has a broken ICC profile: convert it to sRGB, or say what its numbers are (--transfer)"
         raise ValueError(words) from cause
+    # Tables and formulas of sRGB are rounded.
     probe = np.linspace(0, 1, 1025)
-    if matrix is None and all(np.max(np.abs(one(probe) - srgb_to_linear(probe))) < NEARLY_SRGB for one in curves):
+    if matrix is None and all(np.max(np.abs(one(probe) - srgb_to_linear(probe))) < 1e-3 for one in curves):
         return None
 
     def curve(encoded: np.ndarray) -> np.ndarray:

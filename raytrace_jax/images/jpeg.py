@@ -1,4 +1,4 @@
-"""A JPEG file has compressed its picture: the same compression can be done to other pictures."""
+"""The compression of a JPEG file, which can be done to other pictures."""
 
 import io
 import os
@@ -9,8 +9,8 @@ from jaxtyping import Float
 from PIL import Image, JpegImagePlugin
 
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import BACK, TURNS, orientation_of
-from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.transfer import DECODERS, ENCODERS
 
 LARGEST_UNIT = 16

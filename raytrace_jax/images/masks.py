@@ -1,4 +1,4 @@
-"""Pixels count less or nothing: by a mask, where their numbers tell no light, and where they are not finite."""
+"""Weights of pixels: masks, and what is clipped or not finite."""
 
 import os
 from collections.abc import Sequence
@@ -7,28 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from raytrace_jax.images.options import Clipped
-from raytrace_jax.images.picture_file import PaintableFile
+from raytrace_jax.images import Clipped
 from raytrace_jax.images.pictures import is_jpeg, is_photograph, read, stores_integers
-
-MOST_NAMED = 5
-"""A sentence names the places of so many pixels, and counts the rest."""
 
 
 def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
-    """Read weights "height width": 0 leaves a pixel out, 1 counts in full.
+    """Return the weights "height width" of a file: 0 leaves a pixel out, 1 counts in full.
 
     Of an OpenEXR or Radiance HDR picture they are the means of its channels, 0 or more. Of others, as an editor paints
     them, they are how bright and how opaque a pixel is, from 0 to 1.
 
-    Returns:
-        The weights.
-
     Raises:
         PictureError: the file is missing or broken, or of another format.
     """
-    file = read(path)
-    return np.ascontiguousarray(file.weights() if isinstance(file, PaintableFile) else file.light().mean(axis=0))
+    return np.ascontiguousarray(read(path).weights())
 
 
 class ClippedPixels(NamedTuple):
@@ -86,11 +78,11 @@ def blackened(image: np.ndarray) -> np.ndarray:
 
 
 def mask_in_words(bad: Bool[np.ndarray, "height width"], origin: Sequence[int] = (0, 0)) -> str:
-    """How many pixels are bad, and where the first ones are: `2 pixels are NaN or infinite: row 3, column 8; ...`.
+    """How many pixels are bad, and where the first five are: `2 pixels are NaN or infinite: row 3, column 8; ...`.
 
     `origin` is column and row of the first pixel in the whole picture.
     """
     places = np.argwhere(bad) + np.asarray(origin)[::-1]
-    named = [f"row {row}, column {column}" for row, column in places[:MOST_NAMED]]
-    more = [f"and {len(places) - MOST_NAMED} more"] if len(places) > MOST_NAMED else []
+    named = [f"row {row}, column {column}" for row, column in places[:5]]
+    more = [f"and {len(places) - 5} more"] if len(places) > 5 else []
     return f"{len(places)} pixel{'s are' if len(places) > 1 else ' is'} NaN or infinite: {'; '.join(named + more)}"

@@ -1,4 +1,4 @@
-"""The file of a picture has numbers, what they mean, and where they are from; each format answers in its own class."""
+"""The base classes of formats: the numbers of a picture's file, what they mean, and where they are from."""
 
 import contextlib
 import json
@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import orientation_of, upright
-from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.transfer import DECODERS, NEARLY, ColourSpace, largest_number
 from raytrace_jax.util.text import is_unicode
 
@@ -39,8 +39,6 @@ class PictureFile:
     format = ""
     usual: Transfer = "srgb"
     """How integers were made where the file does not say it."""
-    maximum: int | None = None
-    """The number of full brightness; None is the largest of the type."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = path
@@ -65,6 +63,10 @@ class PictureFile:
         """The numbers as they are stored, "height width 3", upright: floats or unsigned integers."""
         raise NotImplementedError
 
+    def weights(self) -> np.ndarray:
+        """The picture as a mask, "height width": the mean of its channels."""
+        return self.light().mean(axis=0)
+
     def light(self, transfer: Transfer | None = None) -> np.ndarray:
         """The scene-linear float32 picture, "3 height width", top row first; warnings tell of other primaries.
 
@@ -82,7 +84,7 @@ class PictureFile:
                 self.tell(f"its primaries are others ({name}): its light is converted to Rec. 709's, those of sRGB.")
             numbers = stated.decode(numbers)
         elif not is_float:
-            numbers = DECODERS[stated](numbers, self.maximum)
+            numbers = DECODERS[stated](numbers)
         if not np.isfinite(numbers).all():
             raise self.error(f"{(~np.isfinite(numbers)).sum()} of its numbers are NaN or infinite")
         aspect = self.pixel_aspect()
@@ -100,8 +102,8 @@ class PictureFile:
         warnings.warn(f"{self.path}: {words}", PictureWarning, stacklevel=4)
 
 
-class PaintableFile(PictureFile):
-    """A PNG, JPEG or TIFF, in which masks are painted too. OpenImageIO reads it, as what it is and not as it is named.
+class LibraryFile(PictureFile):
+    """A file that OpenImageIO reads, as what it is and not as it is named.
 
     OpenImageIO is imported where it is called: JAX keeps what a compiled function's module has imported to the very
     end, and there OpenImageIO complains of everything that is kept.

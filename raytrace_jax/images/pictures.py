@@ -1,4 +1,4 @@
-"""A picture of any format is read by what its contents are, not by its name: numbers, what they mean, where from."""
+"""Pictures of any format, known by their contents and not by their names."""
 
 import os
 from collections.abc import Mapping
@@ -7,11 +7,11 @@ from typing import TypeVar
 import numpy as np
 
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images import Transfer
 from raytrace_jax.images.camera_files import RAW, RAW_STARTS, JpegFile, TiffFile
 from raytrace_jax.images.exr import MAGIC
 from raytrace_jax.images.exr_file import ExrFile
-from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.own_readers import HDR_MAGIC, HdrFile, PpmFile
+from raytrace_jax.images.hdr_ppm import HdrFile, PpmFile
 from raytrace_jax.images.picture_file import PictureFile, PictureOrigin
 from raytrace_jax.images.png import SIGNATURE, PngFile
 from raytrace_jax.util.files import read_bytes
@@ -21,7 +21,7 @@ Name = TypeVar("Name")
 FORMATS: dict[type[PictureFile], tuple[bytes, ...]] = {
     ExrFile: (MAGIC,),
     PngFile: (SIGNATURE,),
-    HdrFile: (HDR_MAGIC,),
+    HdrFile: (b"#?",),
     JpegFile: (b"\xff\xd8\xff",),
     TiffFile: (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"),
     PpmFile: (b"P3", b"P6"),
@@ -36,16 +36,9 @@ CONVERTED = {
     "a Photoshop document": (b"8BPS",),
     "a JPEG 2000 picture": (b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51"),
     "a JPEG XL picture": (b"\0\0\0\x0cJXL ", b"\xff\x0a"),
-    "a JPEG XR picture": (b"II\xbc\x01",),
     "a PBM picture": (b"P1", b"P4"),
     "a PGM picture": (b"P2", b"P5"),
     "a PAM picture": (b"P7",),
-    "a DPX picture": (b"SDPX", b"XPDS"),
-    "a DDS picture": (b"DDS ",),
-    "a QOI picture": (b"qoif",),
-    "a FITS picture": (b"SIMPLE  =",),
-    "an SVG drawing": (b"<svg",),
-    "a PDF document": (b"%PDF",),
 }
 OTHER = {"a model file": (b"camera",), "a PFM picture": (b"PF", b"Pf")}
 """What files are that begin so: those that ImageMagick converts, and others."""

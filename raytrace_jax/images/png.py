@@ -1,4 +1,4 @@
-"""PNG files of 8 or 16 bits say how their numbers were made from light, and what they say is obeyed.
+"""PNG files of 8 or 16 bits, and what they say of how their numbers were made from light.
 
 The format is ISO/IEC 15948 (https://www.w3.org/TR/png-3). OpenImageIO reads the pixels. The chunks are read here, for
 libraries fill rows that are missing, pass over wrong checksums, and do not tell all that is said of colours (11.3.2).
@@ -20,10 +20,10 @@ from jaxtyping import ArrayLike
 
 from raytrace_jax._version import __version__
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images import Bits, Transfer
 from raytrace_jax.images import transfer as transfers
 from raytrace_jax.images.icc import read_profile
-from raytrace_jax.images.options import Bits, Transfer
-from raytrace_jax.images.picture_file import KEY, PaintableFile, PictureOrigin, to_json
+from raytrace_jax.images.picture_file import KEY, LibraryFile, PictureOrigin, to_json
 from raytrace_jax.images.transfer import (
     LINEAR_SPACES,
     REC_709,
@@ -37,12 +37,6 @@ from raytrace_jax.util.numerics import real_numbers
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 """The first eight bytes of every PNG file."""
-
-HEADER_END = 33
-"""Where the header chunk, the first one, ends in every PNG file."""
-
-MOST_PIXELS = 178_956_970
-"""A small file must not fill the memory; Pillow has this limit too."""
 
 KEYWORD = b"raytrace-jax transfer"
 
@@ -129,7 +123,7 @@ def png_chunk(kind: bytes, content: bytes) -> bytes:
     return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
 
 
-class PngFile(PaintableFile):
+class PngFile(LibraryFile):
     """A PNG of any kind whose structure and checksums are right and whose pixels are all there."""
 
     format, suffixes, usual = "PNG", (".png",), "course"
@@ -219,8 +213,9 @@ class PngFile(PaintableFile):
             raise self.error("is a broken PNG file: its pixels cannot be decompressed") from cause
         if len(rows) != size:
             raise self.error("is a truncated PNG file: some of its pixels are missing")
-        if width * height > MOST_PIXELS:
-            raise self.error(f"is too large: it has {width} x {height} pixels, and at most {MOST_PIXELS:,} are read")
+        most = 178_956_970  # A small file must not fill the memory; Pillow has this limit too.
+        if width * height > most:
+            raise self.error(f"is too large: it has {width} x {height} pixels, and at most {most:,} are read")
 
 
 def _stated(chunks: Mapping[bytes, bytes]) -> Transfer | ColourSpace | None:

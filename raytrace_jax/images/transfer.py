@@ -1,4 +1,4 @@
-"""Stored numbers become light: by the course's transfer, by sRGB's, or by other curves and primaries that files state.
+"""Light of stored numbers: by the course's transfer, by sRGB's, or by other curves and primaries that files state.
 
 `course` truncates, without gamma. `srgb` is what screens expect: IEC 61966-2-1, rounded. Light is converted to the
 primaries of Rec. 709, those of sRGB; it stays the same light, for white points are not adapted, but where a space is
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from raytrace_jax.images.options import Bits, Transfer
+from raytrace_jax.images import Bits, Transfer
 
 Chromaticities = tuple[float, ...]
 """The x and y of red, green, blue and white, eight numbers (CIE 1931)."""
@@ -55,21 +55,21 @@ def _clamped(rgb: ArrayLike) -> np.ndarray:
     return np.clip(np.asarray(rgb, np.float64), 0.0, 1.0)
 
 
-def decode_course(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
+def decode_course(stored: np.ndarray) -> np.ndarray:
     """Return the scene-linear float64 colours that `encode_course` stored, without bias.
 
     A stored k covers [k, k + 1) / maximum, so its middle is the estimate: k / maximum alone is half a step too
     dark on average. The ends differ: the maximum is stored by colours clamped to exactly 1 only, and nearly
-    all zeros of a picture are its background, exactly 0. The maximum stands for 1; without it, it is that of the dtype.
+    all zeros of a picture are its background, exactly 0.
     """
-    maximum = maximum or largest_number(stored)
+    maximum = largest_number(stored)
     middle = (stored + 0.5) / maximum
     return np.where(stored == 0, 0.0, np.where(stored == maximum, 1.0, middle))
 
 
-def decode_srgb(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
-    """Return the scene-linear float64 colours of sRGB-encoded integers, `maximum` as for `decode_course`."""
-    return srgb_to_linear(stored / (maximum or largest_number(stored)))
+def decode_srgb(stored: np.ndarray) -> np.ndarray:
+    """Return the scene-linear float64 colours of sRGB-encoded integers."""
+    return srgb_to_linear(stored / largest_number(stored))
 
 
 ENCODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": encode_course, "srgb": encode_srgb}

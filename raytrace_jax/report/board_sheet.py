@@ -1,4 +1,4 @@
-"""A calibration board becomes a sheet of paper, a screen full of pixels, or the blocks of a scene."""
+"""A calibration board on a sheet of paper, on a screen, and as the blocks of a scene."""
 
 import math
 
@@ -12,12 +12,10 @@ from raytrace_jax.errors import RaytraceError
 from raytrace_jax.photo.board_pattern import LEAST, Pattern
 from raytrace_jax.util.text import PAPERS, PaperName
 
-INCH = 25.4
 MARGIN = 10.0
 """Millimetres of paper that many printers cannot print on."""
 FOOTER = 12.0
 """Millimetres below the board for the ruler and the line of text, and white between them and the board."""
-RULER, TICK = 100.0, 2.0  # millimetres
 
 
 def paper_room(paper: PaperName) -> tuple[float, float]:
@@ -57,7 +55,7 @@ def draw_sheet(pattern: Pattern, paper: PaperName) -> Figure:
     RaytraceError without OpenCV.
     """
     width, height = PAPERS[paper]
-    figure = Figure(figsize=(width / INCH, height / INCH))
+    figure = Figure(figsize=(width / 25.4, height / 25.4))  # in inches
     ax = figure.add_axes((0, 0, 1, 1))
     ax.set_axis_off()
     ax.set(xlim=(0, width), ylim=(0, height))
@@ -72,13 +70,14 @@ def draw_sheet(pattern: Pattern, paper: PaperName) -> Figure:
     codes = [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY]
     outline = Outline(places.reshape(-1, 2), np.tile(np.array(codes, Outline.code_type), len(places)))
     ax.add_patch(PathPatch(outline, facecolor="black", edgecolor="none", linewidth=0, snap=False))
+    ruler, tick = 100.0, 2.0  # millimetres
     # A tick every 10 mm, a longer one every 50; the line of text stands 6 mm above the ruler.
-    marks = np.arange(0, RULER + 1, 10)
-    ticks = [[(MARGIN + at, MARGIN), (MARGIN + at, MARGIN + (TICK if at % 50 else 3.0))] for at in marks]
-    line = [(MARGIN, MARGIN), (MARGIN + RULER, MARGIN)]
+    marks = np.arange(0, ruler + 1, 10)
+    ticks = [[(MARGIN + at, MARGIN), (MARGIN + at, MARGIN + (tick if at % 50 else 3.0))] for at in marks]
+    line = [(MARGIN, MARGIN), (MARGIN + ruler, MARGIN)]
     ax.add_collection(LineCollection([line, *ticks], colors="black", linewidths=0.4, capstyle="butt"), autolim=False)
     style = {"fontsize": 8.0, "color": "black", "parse_math": False}
-    ax.text(MARGIN + RULER + TICK, MARGIN, f"check: {RULER:g} mm", **style)
+    ax.text(MARGIN + ruler + tick, MARGIN, f"check: {ruler:g} mm", **style)
     ax.text(MARGIN, MARGIN + 6.0, sheet_words(pattern, paper), **style)
     return figure
 

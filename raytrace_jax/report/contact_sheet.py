@@ -1,4 +1,4 @@
-"""A contact sheet shows many pictures, each above the words that tell it from the others."""
+"""A contact sheet of many pictures, each above the words that tell it from the others."""
 
 import math
 from collections.abc import Sequence
@@ -15,8 +15,9 @@ LARGEST = 4800
 """The most pixels that the sheet is wide, however many pictures there are."""
 WIDTHS = 160, 320
 """The least and the most pixels that a cell is wide where there is room."""
-LEAST_LABELLED, MOST_LINES = 80, 4
-GAP, FONT, LINE = 6, 12, 15
+LEAST_LABELLED = 80
+"""Pixels of a cell; below a narrower one no words can be read."""
+GAP, LINE = 6, 15
 
 
 class LabelledPicture(NamedTuple):
@@ -51,7 +52,7 @@ def layout(count: int, size: tuple[int, int], lines: int, group: int = 1) -> Lay
     width = min(max(size[0], WIDTHS[0]), WIDTHS[1], LARGEST // columns - GAP)
     # A tall picture is narrower than its cell, so that the sheet stays bounded.
     height = max(1, round(width * min(1.5, size[1] / size[0])))
-    shown = min(lines, MOST_LINES) if width >= LEAST_LABELLED else 0
+    shown = min(lines, 4) if width >= LEAST_LABELLED else 0
     return Layout(columns, math.ceil(count / columns), (width, height), shown)
 
 
@@ -62,7 +63,7 @@ def draw_contact_sheet(cells: Sequence[LabelledPicture], group: int = 1) -> Imag
     plan = layout(len(cells), largest, max(len(cell.lines) for cell in cells), group)
     right, down = plan.pitch
     sheet = Image.new("RGB", (plan.columns * right + GAP, plan.rows * down + GAP), "white")
-    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(FONT)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(12)
     for number, cell in enumerate(cells):
         row, column = divmod(number, plan.columns)
         left, top = GAP + column * right, GAP + row * down

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from raytrace_jax.images.options import Transfer
+from raytrace_jax.images import Transfer
 from raytrace_jax.report.panels import as_pixels, draw_signed_values, drawable, remove_ticks
 from raytrace_jax.tracer.derivatives import PictureDerivatives, correlation, relative_error
 

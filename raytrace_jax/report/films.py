@@ -1,11 +1,11 @@
-"""OpenEXR files of a render and of its derivatives say with their channels how they were made."""
+"""OpenEXR files of a render and of its derivatives, which say with their channels how they were made."""
 
 import dataclasses
 import os
 
 from raytrace_jax._version import __version__
+from raytrace_jax.images import Transfer
 from raytrace_jax.images.exr import write_exr
-from raytrace_jax.images.options import Transfer
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.writer import format_scene
 from raytrace_jax.tracer.derivatives import Differences, PictureDerivatives

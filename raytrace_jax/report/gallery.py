@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from raytrace_jax.images.options import Transfer
+from raytrace_jax.images import Transfer
 from raytrace_jax.report import GallerySet
 from raytrace_jax.report.derivatives import draw_signed, scale_limit
 from raytrace_jax.report.panels import as_pixels, remove_ticks

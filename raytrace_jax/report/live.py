@@ -16,7 +16,7 @@ from jaxtyping import Float
 from PIL import Image
 
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
-from raytrace_jax.images.options import Transfer
+from raytrace_jax.images import Transfer
 from raytrace_jax.report.derivatives import scale_limit
 from raytrace_jax.report.panels import SIGNED, as_pixels, data_address, page_template, signed_pixels
 from raytrace_jax.report.rays import draw_tree

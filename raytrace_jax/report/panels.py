@@ -13,7 +13,7 @@ from jax.typing import ArrayLike
 from matplotlib.axes import Axes
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
-from raytrace_jax.images.options import Transfer
+from raytrace_jax.images import Transfer
 from raytrace_jax.images.transfer import ENCODERS
 
 SIGNED = matplotlib.colormaps["RdBu_r"].with_extremes(bad="#8c8c8c")

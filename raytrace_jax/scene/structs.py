@@ -12,7 +12,7 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from raytrace_jax.images.options import Transfer
+from raytrace_jax.images import Transfer
 from raytrace_jax.scene import setting_words as words
 from raytrace_jax.scene.schema import (
     ABOVE_ZERO,

@@ -14,9 +14,9 @@ from jaxtyping import Array, Float, Int, Num
 from PIL import Image
 
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images import Transfer
 from raytrace_jax.images.exr import write_exr
-from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.own_readers import write_ppm
+from raytrace_jax.images.hdr_ppm import write_ppm
 from raytrace_jax.images.png import write_png
 from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.scene.checks import check_values

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from command_line import run
-from test_exchange import CAMERA, CHECKS, PICTURE, board
+from exchange_scenes import CAMERA, CHECKS, PICTURE, board
 
 from raytrace_jax import (
     RenderSettings,

@@ -6,11 +6,11 @@ import struct
 import zlib
 
 import numpy as np
-import OpenImageIO as oiio
 import pytest
 from command_line import run
 from hypothesis import given
 from hypothesis import strategies as st
+from image_files import jpeg, photo, write_tiff
 from PIL import Image
 
 from raytrace_jax import PictureError, PictureWarning, read_picture
@@ -24,24 +24,6 @@ BLOCKS = np.kron(RANDOM.integers(0, 256, size=(4, 6, 3)), np.ones((8, 8, 1))).as
 
 SOFT = np.stack(np.meshgrid(np.linspace(30, 220, 48), np.linspace(40, 200, 32)), -1)
 SMOOTH = np.dstack([SOFT, SOFT[..., :1]]).astype(np.uint8)
-
-
-def jpeg(pixels, **options):
-    stored = io.BytesIO()
-    Image.fromarray(pixels).save(stored, "JPEG", **{"quality": 98, "subsampling": 0, **options})
-    return stored.getvalue()
-
-
-def write_tiff(path, pixels, *, names=None):
-    height, width, channels = pixels.shape
-    kind = {"float32": "float", "float16": "half"}.get(str(pixels.dtype), str(pixels.dtype))
-    spec = oiio.ImageSpec(width, height, channels, kind)
-    if names:
-        spec.channelnames = names
-        spec.alpha_channel = names.index("A") if "A" in names else -1
-        spec.attribute("oiio:UnassociatedAlpha", 1)
-    file = oiio.ImageOutput.create(str(path))
-    assert file.open(str(path), spec) and file.write_image(pixels) and file.close()
 
 
 @pytest.mark.parametrize("transfer", ["course", "srgb", None])
@@ -164,16 +146,6 @@ def test_what_cannot_be_read_is_refused_in_words(what, tmp_path, capfd):
     assert run(*arguments) == 1
     error = capfd.readouterr().err
     assert words.split(":")[0] in error and "Traceback" not in error and not (tmp_path / "out").exists()
-
-
-def photo(path, size=(48, 32), **exif):
-    spec = oiio.ImageSpec(*size, 3, oiio.UINT8)
-    for name, value in exif.items():
-        spec.attribute("Orientation" if name == "Orientation" else f"Exif:{name}", value)
-    file = oiio.ImageOutput.create(str(path))
-    pixels = np.random.default_rng(0).integers(50, 200, (size[1], size[0], 3)).astype(np.uint8)
-    assert file.open(str(path), spec) and file.write_image(pixels) and file.close()
-    return path
 
 
 SENSOR = {

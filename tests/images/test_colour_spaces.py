@@ -9,14 +9,24 @@ import numpy as np
 import OpenEXR
 import OpenImageIO as oiio
 import pytest
+from image_files import BT_2020, HEADER_END
 from PIL import Image, ImageCms
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from raytrace_jax import PictureError, PictureWarning, read_picture, write_png
 from raytrace_jax.images.icc import SRGB_TO_XYZ, read_profile
 from raytrace_jax.images.pictures import states_colours
-from raytrace_jax.images.png import HEADER_END, png_chunk
-from raytrace_jax.images.transfer import DECODERS, LINEAR_SPACES, REC_709, XYZ, encode_srgb, rgb_to_xyz, to_rec_709
+from raytrace_jax.images.png import png_chunk
+from raytrace_jax.images.transfer import (
+    DECODERS,
+    LINEAR_SPACES,
+    REC_709,
+    XYZ,
+    encode_srgb,
+    rgb_to_xyz,
+    srgb_to_linear,
+    to_rec_709,
+)
 
 LIGHT = np.random.default_rng(7).uniform(0.05, 0.8, size=(5, 7, 3))
 ADOBE = np.array([[0.60974, 0.20528, 0.14919], [0.31111, 0.62567, 0.06322], [0.01947, 0.06087, 0.74457]])
@@ -25,7 +35,6 @@ DISPLAY_P3 = np.array([[0.51512, 0.29198, 0.15710], [0.24120, 0.69225, 0.06657],
 
 AP0 = (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.0770, 0.32168, 0.33767)
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
-BT_2020 = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)
 
 GAMMA = b"curv" + struct.pack(">4xIH", 1, round(2.19921875 * 256))
 LINEAR = b"curv" + struct.pack(">4xI", 0)
@@ -154,7 +163,7 @@ def test_a_profile_that_is_not_understood_is_refused_unless_told(suffix, icc, wo
     with pytest.raises(PictureError, match=words):
         read_picture(path)
     found = read_picture(path, transfer="srgb")
-    np.testing.assert_allclose(np.moveaxis(found, 0, -1), DECODERS["srgb"](np.round(65535 * LIGHT), 65535), atol=5e-3)
+    np.testing.assert_allclose(np.moveaxis(found, 0, -1), srgb_to_linear(np.round(65535 * LIGHT) / 65535), atol=5e-3)
 
 
 def exr_part(light, name="", **header):

@@ -7,12 +7,9 @@ import OpenEXR
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from image_files import BLUE, CLEAN, DEPTH, GREEN, RED
 
 from raytrace_jax import PictureError, read_exr, read_picture, write_exr
-
-RANDOM = np.random.default_rng(0)
-RED, GREEN, BLUE, DEPTH = RANDOM.random((4, 9, 13), np.float32)
-CLEAN = {"R": RED, "G": GREEN, "B": BLUE}
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),

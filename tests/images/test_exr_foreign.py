@@ -5,12 +5,12 @@ import OpenEXR
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_colour_spaces import BT_2020
-from test_exr import BLUE, CLEAN, DEPTH, GREEN, RANDOM, RED
+from image_files import BLUE, BT_2020, CLEAN, DEPTH, GREEN, RED
 
 from raytrace_jax import PictureError, PictureWarning, read_exr, read_picture
 from raytrace_jax.images.transfer import to_rec_709
 
+RANDOM = np.random.default_rng(0)
 NAN = np.where(np.arange(117).reshape(9, 13) == 28, np.nan, RED)
 
 

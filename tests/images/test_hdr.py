@@ -1,23 +1,18 @@
-"""Radiance HDR pictures: every coding and orientation against an encoder of the test's own, and broken files."""
+"""Radiance HDR pictures against an encoder of the test's own, and files that OpenImageIO would read wrongly."""
+
+import re
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_colour_spaces import BT_2020
 
-from raytrace_jax import PictureError, PictureWarning, read_picture
-from raytrace_jax.images.own_readers import HdrFile
+from raytrace_jax import PictureError, read_mask, read_picture
 from raytrace_jax.images.pictures import states_colours
-from raytrace_jax.images.transfer import REC_709, to_rec_709
 
 RANDOM = np.random.default_rng(0)
 HEAD = b"#?RADIANCE\n# a comment\nFORMAT=32-bit_rle_rgbe\n"
 FLAT, PIXEL_RUNS, CHANNEL_RUNS = "flat", "pixel runs", "channel runs"
-
-
-def read_hdr(path):
-    return HdrFile(path).light()
 
 
 def pixels_with_runs(lines, length, random=RANDOM):
@@ -83,7 +78,7 @@ def stored(tmp_path):
 @given(
     lines=st.integers(1, 4),
     length=st.sampled_from([1, 2, 7, 8, 9, 130, 400]),
-    coding=st.sampled_from([FLAT, PIXEL_RUNS, CHANNEL_RUNS]),
+    coding=st.sampled_from([FLAT, CHANNEL_RUNS]),
     seed=st.integers(0, 1000),
 )
 def test_every_coding_gives_the_formula_and_is_known_by_its_contents(tmp_path_factory, lines, length, coding, seed):
@@ -96,81 +91,57 @@ def test_every_coding_gives_the_formula_and_is_known_by_its_contents(tmp_path_fa
     path.write_bytes(hdr_bytes(pixels, coding))
     picture = read_picture(path)
     assert picture.dtype == np.float32 and picture.flags.c_contiguous and states_colours(path)
-    np.testing.assert_array_equal(picture, colours(pixels))
+    # OpenImageIO's powers of two are a last digit off for some exponents.
+    np.testing.assert_allclose(picture, colours(pixels), rtol=2e-7, atol=0)
+    np.testing.assert_allclose(read_mask(path), picture.astype(float).mean(axis=0), rtol=1e-6)
 
 
-@pytest.mark.parametrize("x_sign", "+-")
-@pytest.mark.parametrize("y_sign", "+-")
-@pytest.mark.parametrize("rows_first", [True, False])
-def test_every_orientation_puts_pixels_where_they_belong(x_sign, y_sign, rows_first, stored):
-    picture = pixels_with_runs(4, 9)  # As it is seen.
-    lines = picture[::-1] if y_sign == "+" else picture
-    lines = lines[:, ::-1] if x_sign == "-" else lines
-    size = f"{y_sign}Y 4 {x_sign}X 9" if rows_first else f"{x_sign}X 9 {y_sign}Y 4"
-    content = hdr_bytes(lines if rows_first else lines.swapaxes(0, 1), size=size)
-    np.testing.assert_array_equal(read_hdr(stored(content)), colours(picture))
-
-
-def test_exposures_are_divided_out_and_lines_may_end_as_on_windows(stored):
+def test_what_a_header_says_and_changes_no_colour_is_no_reason_to_refuse(stored):
     pixels = pixels_with_runs(2, 3)
-    head = b"#?RGBE\r\nEXPOSURE=2.0\r\nFORMAT=32-bit_rle_rgbe\r\nEXPOSURE= 4\r\nCOLORCORR=1 2 .5\r\nGAMMA=1\r\n\r"
-    wanted = colours(pixels) / np.array([8, 16, 4], np.float32)[:, None, None]
-    np.testing.assert_array_equal(read_hdr(stored(hdr_bytes(pixels, head=head, size="-Y 2 +X 3\r"))), wanted)
-
-
-@pytest.mark.parametrize("stated", [(*BT_2020,), (0,) * 8, REC_709])
-def test_primaries_are_obeyed_and_zeros_as_photoshop_writes_them_say_nothing(stated, stored):
-    pixels = pixels_with_runs(2, 3)
-    head = HEAD + b"GAMMA=1\nPRIMARIES=" + " ".join(map(str, stated)).encode() + b"\n"
-    path = stored(hdr_bytes(pixels, head=head))
-    if stated != BT_2020:
-        np.testing.assert_array_equal(read_hdr(path), colours(pixels))
-        return
-    with pytest.warns(PictureWarning, match=r"its primaries are others \(by PRIMARIES\)"):
-        found = read_hdr(path)
-    np.testing.assert_allclose(found, np.tensordot(to_rec_709(BT_2020), colours(pixels), 1), rtol=1e-5)
+    head = b"#?RGBE\r\nSOFTWARE=x\r\nEXPOSURE=1.0\r\nCOLORCORR=1 1 1\r\nGAMMA=1\r\nPRIMARIES=0 0 0 0 0 0 0 0\r\n"
+    head += b"PRIMARIES=0.640 .33 0.3 0.6 0.15 0.06 0.3127 0.329\r\n"
+    content = hdr_bytes(pixels, head=head + b"FORMAT=32-bit_rle_rgbe\r\n\r", size="-Y 2 +X 3\r")
+    np.testing.assert_allclose(read_picture(stored(content)), colours(pixels), rtol=2e-7, atol=0)
 
 
 PIXELS = pixels_with_runs(3, 20)
 RUN = b"\x80\x80\x80\x80"
+ONE = b"\n-Y 1 +X 1\n" + RUN
+MIXED = HEAD + b"\n-Y 2 +X 20\n" + b"".join(map(coded, PIXELS, (CHANNEL_RUNS, PIXEL_RUNS)))
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"#!RADIANCE\n\n-Y 1 +X 1\n" + RUN, "does not start with #?"),
-        (b"#?RADIANCE\nEXPOSURE=1\n", "its header does not end"),
-        (
-            HEAD.replace(b"rgbe", b"xyze") + b"\n-Y 1 +X 1\n" + RUN,
-            "format is '32-bit_rle_xyze', and '32-bit_rle_rgbe' is",
-        ),
-        (HEAD + b"EXPOSURE=0\n\n-Y 1 +X 1\n" + RUN, "EXPOSURE is '0', and a positive number is wanted"),
-        (HEAD + b"COLORCORR=1 2\n\n-Y 1 +X 1\n" + RUN, "COLORCORR is '1 2', and three positive numbers are wanted"),
-        (HEAD + b"GAMMA=2.2\n\n-Y 1 +X 1\n" + RUN, "its GAMMA is 2.2, and linear light is wanted"),
-        (HEAD + b"PRIMARIES=.3 .3\n\n-Y 1 +X 1\n" + RUN, "PRIMARIES is '.3 .3', and eight numbers are wanted"),
-        (HEAD + b"PRIMARIES=" + 8 * b".3 " + b"\n\n-Y 1 +X 1\n" + RUN, "chromaticities that are on one line"),
-        (HEAD + b"EXPOSURE=1e-9\n\n-Y 1 +X 1\n\x80\x80\x80\xff", "do not fit into 32-bit floats"),
-        (HEAD + b"\n-Y 1 +Y 1\n" + RUN, "'-Y 480 \\+X 640' is wanted, not '-Y 1 \\+Y 1'"),
-        (HEAD + b"\n-Y 0 +X 4\n" + RUN, "has no pixels"),
-        (HEAD + b"\n-Y 99999999999 +X 9\n" + RUN, "truncated Radiance HDR file: 99999999999 scan lines"),
-        (HEAD + b"\n-Y 1 +X 99999999999999999999999\n" + RUN, "GB of memory"),
-        (HEAD + b"\n-Y 1 +X 2\n" + RUN, r"truncated Radiance HDR file \(scan line 1 of 1\)"),
-        (HEAD + b"\n-Y 1 +X 2\n\1\1\1\2" + RUN, "repeats a pixel before there is one"),
-        (HEAD + b"\n-Y 1 +X 3\n" + RUN + b"\1\1\1\3", "a run goes beyond its scan line"),
-        (HEAD + b"\n-Y 1 +X 9\n\2\2\0\x08" + RUN, "9 pixels are wanted, not 8"),
-        (HEAD + b"\n-Y 1 +X 9\n\2\2\0\x09\0\1", "a run of no pixels"),
+        (b"#?RADIANCE\nEXPOSURE=1\n", "has no header with a size"),
+        (HEAD + b"\n-Y 1 +Y 1\n" + RUN, "has no header with a size"),
+        (hdr_bytes(PIXELS, size="+Y 3 +X 20"), "is turned: save it as OpenEXR"),
+        (hdr_bytes(PIXELS, size="-Y 3 -X 20"), "is turned: save it as OpenEXR"),
+        (hdr_bytes(PIXELS, size="+X 3 -Y 20"), "is turned: save it as OpenEXR"),
+        (HEAD.replace(b"rgbe", b"xyze") + ONE, "says FORMAT=32-bit_rle_xyze, which is not read: save it as OpenEXR"),
+        *((HEAD + said + b"\n" + ONE, f"says {said.decode()}, which is not read") for said in (
+            b"EXPOSURE=2.0", b"EXPOSURE=", b"COLORCORR=1 2 .5", b"GAMMA=2.2", b"PIXASPECT=0.5",
+            b"PRIMARIES=.7 .3 .2 .8 .1 .1 .3 .3",
+        )),
+        (HEAD + b"\n-Y 0 +X 4\n" + RUN, "cannot be read: "),
+        (HEAD + b"\n-Y 99999999 +X 9\n" + RUN, "is truncated"),
+        (hdr_bytes(PIXELS, PIXEL_RUNS), "runs of pixels in Radiance's old coding, which is not read"),
+        (HEAD + b"\n-Y 1 +X 2\n" + RUN + b"\1\1\1\1", "runs of pixels in Radiance's old coding"),
+        (MIXED + bytes(99), "runs of pixels in Radiance's old coding"),
+        (HEAD + b"\n-Y 1 +X 9\n\2\2\0\x08" + RUN, "cannot be read: "),
+        (HEAD + b"\n-Y 1 +X 9\n\2\2\0\x09\0\1", "cannot be read: "),
     ],
-)
+)  # fmt: skip
 def test_says_what_is_broken(content, words, stored):
     path = stored(content)
-    with pytest.raises(PictureError, match=words) as caught:
-        read_hdr(path)
+    with pytest.raises(PictureError, match=re.escape(words)) as caught:
+        read_picture(path)
     assert str(caught.value).startswith(f"{path}: ")
 
 
-@pytest.mark.parametrize("coding", [FLAT, PIXEL_RUNS, CHANNEL_RUNS])
+@pytest.mark.parametrize("coding", [FLAT, CHANNEL_RUNS])
 def test_refuses_every_truncation(coding, stored):
     whole = hdr_bytes(PIXELS, coding)
     for length in range(2, len(whole)):
-        with pytest.raises(PictureError, match=r"truncated|a size such as"):
-            read_hdr(stored(whole[:length]))
+        with pytest.raises(PictureError, match=r"truncated|cannot be read|a size such as"):
+            read_picture(stored(whole[:length]))

@@ -4,10 +4,10 @@ import io
 
 import numpy as np
 import pytest
+from image_files import jpeg
 from linear_fit import linear_problem
 from PIL import Image
 from scipy import ndimage
-from test_camera_files import jpeg
 
 from raytrace_jax import PictureError, jpeg_storage, read_picture
 from raytrace_jax.images.exif import TURNS

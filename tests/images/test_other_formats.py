@@ -6,10 +6,9 @@ import struct
 import numpy as np
 import OpenEXR
 import pytest
+from image_files import chunk
 from PIL import Image
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
-from test_hdr import HEAD, hdr_bytes, pixels_with_runs
-from test_png import chunk
 
 from raytrace_jax import PictureError, PictureWarning, read_mask, read_picture
 
@@ -123,10 +122,6 @@ def pixels_of_an_exr(aspect, tmp_path):
     return (tmp_path / "made.exr").read_bytes()
 
 
-def pixels_of_a_hdr(aspects):
-    return hdr_bytes(pixels_with_runs(2, 3), head=HEAD + b"".join(b"PIXASPECT=%g\n" % one for one in aspects))
-
-
 @pytest.mark.parametrize(
     ("make", "aspect"),
     [
@@ -136,14 +131,12 @@ def pixels_of_a_hdr(aspects):
         (lambda _: jfif(2, 1), 2),
         (lambda _: pixels_of_a_png(1000, 2000), 2),
         (lambda folder: pixels_of_an_exr(2.0, folder), 2),
-        (lambda _: pixels_of_a_hdr([0.25, 2]), 2),
         (lambda _: density(300, 300, "TIFF"), 1),
         (lambda _: density(300, 300, "JPEG"), 1),
         (lambda _: jfif(1, 1), 1),
         (lambda _: jfif(0, 0), 1),
         (lambda _: pixels_of_a_png(2835, 2834), 1),
         (lambda folder: pixels_of_an_exr(0.9999, folder), 1),
-        (lambda _: pixels_of_a_hdr([1]), 1),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.*that it is turned:raytrace_jax.PictureWarning")

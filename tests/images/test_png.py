@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from image_files import SIGNATURE, chunk, png_bytes
 from PIL import Image
 
 import raytrace_jax
@@ -19,20 +20,7 @@ from raytrace_jax.images.transfer import decode_course, decode_srgb, encode_cour
 
 RANDOM = np.random.default_rng(0)
 RGB = RANDOM.random((3, 9, 13))
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
 SHAPES = st.tuples(st.just(3), st.integers(1, 9), st.integers(1, 9))
-
-
-def chunk(kind, content):
-    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-
-
-def png_bytes(width, height, bits, colour_type, rows, *, interlace=0, extra=b"", raw=None):
-    """A PNG file made by hand; `rows` are (filter, bytes)."""
-    header = struct.pack(">IIBBBBB", width, height, bits, colour_type, 0, 0, interlace)
-    raw = b"".join(bytes([kind]) + content for kind, content in rows) if raw is None else raw
-    data = chunk(b"IHDR", header) + extra + chunk(b"IDAT", zlib.compress(raw)) + chunk(b"IEND", b"")
-    return SIGNATURE + data
 
 
 def pillow_bytes(array, mode=None, **options):

@@ -3,11 +3,12 @@
 import numpy as np
 import OpenEXR
 import pytest
+from image_files import HEADER_END
 from scenes import assignment_scene
 
 from raytrace_jax import FitOptions, PictureWarning, RenderSettings, build, make_scene, render, write_film, write_png
 from raytrace_jax.images.pictures import read_origin
-from raytrace_jax.images.png import HEADER_END, png_chunk
+from raytrace_jax.images.png import png_chunk
 from raytrace_jax.inverse.problem.fixed import with_known_offsets
 from raytrace_jax.report.films import how_made
 from raytrace_jax.tracer.resolved_settings import resolve_settings

@@ -5,9 +5,9 @@ import io
 
 import numpy as np
 import pytest
+from image_files import jpeg, photo, write_tiff
 from PIL import Image
 from scenes import DATA, assignment_scene
-from test_camera_files import jpeg, photo, write_tiff
 
 from raytrace_jax import (
     FitOptions,

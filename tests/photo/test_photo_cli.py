@@ -6,11 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from command_line import run
+from image_files import png_bytes, write_tiff
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from PIL import Image
-from test_camera_files import write_tiff
-from test_png import png_bytes
 
 from raytrace_jax import PictureError
 from raytrace_jax.images.transfer import DECODERS

@@ -16,8 +16,7 @@ from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.preparation import check_folder, read_picture_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import PictureError
-from raytrace_jax.images import exif, jpeg, masks, pictures
-from raytrace_jax.images.options import Transfer
+from raytrace_jax.images import Transfer, exif, jpeg, masks, pictures
 from raytrace_jax.images.transfer import DECODERS, ENCODERS
 from raytrace_jax.inverse.build_problem import as_file_says, asked_for, build_problem
 from raytrace_jax.inverse.estimate import fit

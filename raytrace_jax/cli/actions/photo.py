@@ -16,8 +16,8 @@ from raytrace_jax.cli.options.fits import Calibrate, Photo
 from raytrace_jax.cli.preparation import check_file, check_folder
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import angle_of_view, camera_of, orientation_of
-from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.pictures import is_photograph, read_picture, transfer_of_camera
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.judge.assumptions import Contradiction, looks_like

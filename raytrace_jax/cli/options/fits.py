@@ -9,7 +9,7 @@ from tyro.conf import Positional, arg
 
 from raytrace_jax.cli import options as shared
 from raytrace_jax.cli.console import UsageError
-from raytrace_jax.images.options import Clipped, Transfer
+from raytrace_jax.images import Clipped, Transfer
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.util.checked import Wanted
 from raytrace_jax.util.text import PaperName, parse_number

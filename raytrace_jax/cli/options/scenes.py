@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, arg
 
 from raytrace_jax.cli import options as shared
-from raytrace_jax.exchange.formats import Format as Language
-from raytrace_jax.images.options import Transfer
+from raytrace_jax.exchange import Format as Language
+from raytrace_jax.images import Transfer
 from raytrace_jax.report import GallerySet, LessonName
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode, ModelName
 from raytrace_jax.util.checked import Wanted

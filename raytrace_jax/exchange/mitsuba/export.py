@@ -1,4 +1,4 @@
-"""A scene becomes the tree of plugins that Mitsuba 3 has for it."""
+"""The tree of plugins that Mitsuba 3 has for a scene."""
 
 import dataclasses
 import math
@@ -9,12 +9,9 @@ import numpy as np
 from raytrace_jax.exchange.described import Described, Material, Shape, Texture, around, overlap
 from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, LookAt, Matrix, Plugin, Point, Ref, Value
 
-SAME = 1e-6
-"""Sides of pixels that differ by a smaller share are equal."""
-
 
 @dataclasses.dataclass
-class Export:
+class MitsubaWriter:
     """A scene on its way: pictures of textures by their files, what Mitsuba does otherwise, materials of many shapes.
 
     `stem` begins the names of the files of its textures.
@@ -50,7 +47,8 @@ class Export:
         across, upwards = float(np.linalg.norm(view.across)), float(np.linalg.norm(view.upwards))
         right, up = view.across / across, view.upwards / upwards
         forward = np.cross(up, right)
-        if abs(across / width * height / upwards - 1) > SAME:
+        same = 1e-6  # Sides of pixels that differ by a smaller share are equal.
+        if abs(across / width * height / upwards - 1) > same:
             self.lost.append(f"{view.name}: its pixels are no squares, as of a mapping from corner to corner")
         fov = said.fov if said else math.degrees(2 * math.atan(across / 2 / float(view.middle @ forward)))
         target, upright = (said.lookat, said.up) if said else (view.eye + forward, up)
@@ -59,7 +57,7 @@ class Export:
         # How far the picture's middle is from the point that the camera looks at, in shares of the picture's sides.
         aside, above = float(view.middle @ right) / across, float(view.middle @ up) / upwards
         for name, share in (("principal_point_offset_x", aside), ("principal_point_offset_y", -above)):
-            if abs(share) > SAME / max(width, height):
+            if abs(share) > same / max(width, height):
                 values[name] = share
         film: dict[str, Value] = {"width": width, "height": height, "pixel_format": "rgb"}
         film |= {"component_format": "float32", "rfilter": Plugin("rfilter", "box", "", {})}
@@ -203,7 +201,7 @@ def _checkerboard(texture: Texture, scale: np.ndarray, name: str, halves: np.nda
 
 
 def _medium(material: Material) -> Plugin:
-    values: dict[str, Value] = {"sigma_t": _color(material.absorption), "albedo": 0.0}
+    values: dict[str, Value] = {"sigma_t": _color(np.asarray(material.absorption)), "albedo": 0.0}
     return Plugin("medium", "homogeneous", "", values)
 
 

@@ -1,4 +1,4 @@
-"""A scene of Mitsuba 3 becomes one of ours, as far as the physical model covers it; the rest is named."""
+"""The import of Mitsuba 3's scenes, as far as the physical model covers them; the rest is named."""
 
 import contextlib
 import math
@@ -12,10 +12,11 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.mitsuba.materials import BLACK, Read, read_sky
+from raytrace_jax.exchange.described import BLACK, Material, Shape
+from raytrace_jax.exchange.mitsuba.materials import read_sky
 from raytrace_jax.exchange.mitsuba.parser import check_properties, read_plugins
 from raytrace_jax.exchange.mitsuba.plugins import Plugin, color_of, number_of, numbered, place_of, transform_of
-from raytrace_jax.exchange.mitsuba.shapes import KINDS, ShapeRead, give_indices, read_shape
+from raytrace_jax.exchange.mitsuba.shapes import KINDS, read_shape, with_indices
 from raytrace_jax.images.exif import DIAGONAL_OF_FILM
 from raytrace_jax.scene import build
 from raytrace_jax.scene.rows import Description
@@ -76,7 +77,7 @@ class _Importer:
         self.background: list[Description] = []
         self.lights: list[Description] = []
         self.textures: list[Description] = []
-        self.shapes: list[ShapeRead] = []
+        self.shapes: list[Shape] = []
         self.names: dict[str, set[str]] = {}
 
     def name(self, kind: str, said: str) -> str:
@@ -138,30 +139,31 @@ class _Importer:
         shape = read_shape(plugin, self.path, self.camera.values["viewpoint"] if self.camera else None, lost)
         self.lost += [f"shape {called}: {words}" for words in lost]
         if shape is not None:
-            shape.name = self.name("shape", called)
-            self.shapes.append(shape)
+            self.shapes.append(shape._replace(name=self.name("shape", called)))
 
     def scene(self, dtype: DTypeLike | None) -> Scene:
         """The scene of all that was read. Raises SceneError if there is no camera."""
         if self.camera is None:
             raise SceneError(f"{self.path}: has no perspective sensor.")
-        give_indices(self.shapes, self.lost)
+        shapes = with_indices(self.shapes, self.lost)
         # Matt surfaces get no light of what shines but a point.
         kinds = ["the sky"] if self.background else []
-        kinds += ["shapes that shine"] * any(shape.surface.emission != BLACK for shape in self.shapes)
-        matt = [shape.name for shape in self.shapes if shape.surface.diffuse != BLACK]
+        kinds += ["shapes that shine"] * any(shape.material.emission != BLACK for shape in shapes)
+        matt = [shape.name for shape in shapes if shape.material.diffuse != BLACK]
         if kinds and matt:
             are = "is matt and lit" if len(matt) == 1 else "are matt and lit"
             self.lost.append(f"{', '.join(matt)} {are} by point lights alone, not by {' or '.join(kinds)}")
-        materials: dict[str, tuple[Read, str]] = {}
+        materials: dict[str, tuple[Material, str]] = {}
         blocks = []
-        for shape in self.shapes:
+        for shape in shapes:
             # Shapes that refer to one material have it in common, where it is the same for both.
-            known = materials.get(shape.material)
-            if known is None or not known[0].is_like(shape.surface):
-                materials[shape.material] = known = shape.surface, self.name("material", shape.material)
-                blocks += shape.surface.blocks(known[1], lambda said: self.name("texture", said))
-            blocks.append(shape.block(known[1]))
+            called = shape.material.name or f"{shape.name}_material"
+            known = materials.get(called)
+            if known is None or not known[0].is_like(shape.material):
+                materials[called] = known = shape.material, self.name("material", called)
+                blocks += shape.material.blocks(known[1], lambda said: self.name("texture", said))
+            construct = build.sphere if shape.keyword == "sphere" else build.rectangle
+            blocks.append(construct(shape.name, material=known[1], **shape.numbers))
         settings = build.settings("main", **self.settings)
         every = [settings, self.camera, *self.background, *self.lights, *self.textures, *blocks]
         made = build.make_scene(*every, dtype=dtype)

@@ -1,20 +1,17 @@
-"""Mitsuba's surfaces, media, textures and skies become materials, pictures and boards of ours."""
+"""Materials, pictures and boards of Mitsuba's surfaces, media, textures and skies."""
 
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from raytrace_jax.errors import PictureError, SceneError
-from raytrace_jax.exchange.described import Texture
+from raytrace_jax.exchange.described import BLACK, Material, Texture
 from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, Plugin, Value, color_of, transform_of
 from raytrace_jax.images.pictures import read_picture
-from raytrace_jax.scene import build
-from raytrace_jax.scene.rows import Description
 
-BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+WHITE = (1.0, 1.0, 1.0)
 
 INDICES = {
     "vacuum": 1.0, "helium": 1.000036, "hydrogen": 1.000132, "air": 1.000277, "carbon dioxide": 1.00045,
@@ -26,47 +23,12 @@ INDICES = {
 """The indices of refraction that Mitsuba has names for (its source, `ior.h`)."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Read:
-    """A surface that was read: the name of its bsdf, empty where it has none, and a material of the physical model."""
-
-    name: str
-    diffuse: tuple[float, ...] = BLACK
-    emission: tuple[float, ...] = BLACK
-    absorption: tuple[float, ...] = BLACK
-    reflectivity: float = 0.0
-    transmission: float = 0.0
-    texture: Texture | None = None
-    inside: float = 0.0  # The indices that were said of a glass; 0 for anything else.
-    outside: float = 1.0
-    ior: float = 1.0
-
-    def is_like(self, other: "Read") -> bool:
-        """Whether another one is the same material."""
-        alike = dataclasses.replace(self, texture=None) == dataclasses.replace(other, texture=None)
-        return alike and (other.texture is None if self.texture is None else self.texture.is_like(other.texture))
-
-    def blocks(self, name: str, texture_name: Callable[[str], str]) -> list[Description]:
-        """The block of the material, after that of its texture where it has one."""
-        values: dict[str, Any] = {
-            key: getattr(self, key)
-            for key in ("diffuse", "emission", "absorption", "reflectivity", "transmission")
-            if getattr(self, key) not in (BLACK, 0.0)
-        }
-        if self.inside:
-            values["ior"] = self.ior
-        if self.texture is None:
-            return [build.material(name, **values)]
-        texture = texture_name(self.texture.name or f"{name}_texture")
-        return [self.texture.block(texture), build.material(name, texture=texture, **values)]
-
-
-def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[str]) -> Read:
+def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[str]) -> Material:
     """Read what a surface does with light; what it has and we have not is added to `lost`."""
     # Wrappers are taken off, but for what they do: the material within is read, by the outermost name that there is.
     bsdf = shape.values.get("bsdf")
     if not isinstance(bsdf, Plugin):
-        return Read("", diffuse=(0.5, 0.5, 0.5))
+        return Material("", diffuse=(0.5, 0.5, 0.5))
     name = bsdf.name
     while bsdf.kind in ("twosided", "mask", "bumpmap", "normalmap"):
         if bsdf.kind != "twosided":
@@ -88,7 +50,7 @@ def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[s
         tints = ("specular_reflectance", "specular_transmittance")
         lost += [key for key in tints if values.get(key) not in (None, 1, Color(WHITE))]
         inside, outside = _index(values.get("int_ior", "bk7")), _index(values.get("ext_ior", "air"))
-        return Read(name, transmission=1.0, inside=inside, outside=outside, ior=inside / outside)
+        return Material(name, transmission=1.0, inside=inside, outside=outside, ior=inside / outside)
     if smooth == "conductor":
         if values.get("material", "none") != "none" or {"eta", "k"} & values.keys():
             lost.append("a metal; it is a mirror without colour of its own")
@@ -96,15 +58,15 @@ def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[s
         if not isinstance(color, Color) or len(set(color.values)) > 1:
             lost.append("specular_reflectance with a colour; a mirror has one reflectivity")
         numbers = color.values if isinstance(color, Color) else WHITE
-        return Read(name, reflectivity=float(np.mean(numbers)) if len(set(numbers)) > 1 else numbers[0])
+        return Material(name, reflectivity=float(np.mean(numbers)) if len(set(numbers)) > 1 else numbers[0])
     if smooth != "diffuse":
         lost.append(f"bsdf {bsdf.kind}; it is matt and grey")
-        return Read(name, diffuse=(0.5, 0.5, 0.5))
+        return Material(name, diffuse=(0.5, 0.5, 0.5))
     color, texture = _colored(values.get("reflectance", Color((0.5, 0.5, 0.5))), path, halves, lost)
-    return Read(name, diffuse=color, texture=texture)
+    return Material(name, diffuse=color, texture=texture)
 
 
-def read_radiance(shape: Plugin, path: Path, halves: np.ndarray | None, surface: Read, lost: list[str]) -> Read:
+def read_radiance(shape: Plugin, path: Path, halves: np.ndarray | None, surface: Material, lost: list[str]) -> Material:
     """The surface with the light of its own."""
     emitter = shape.values.get("emitter")
     if not isinstance(emitter, Plugin):
@@ -120,7 +82,7 @@ def read_radiance(shape: Plugin, path: Path, halves: np.ndarray | None, surface:
     return dataclasses.replace(surface, emission=color, texture=texture)
 
 
-def read_medium(medium: Value | None, surface: Read, lost: list[str]) -> Read:
+def read_medium(medium: Value | None, surface: Material, lost: list[str]) -> Material:
     """The surface with what its inside absorbs."""
     if not isinstance(medium, Plugin):
         return surface

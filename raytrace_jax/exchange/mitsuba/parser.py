@@ -1,4 +1,4 @@
-"""A scene file becomes a tree of plugins by Mitsuba's own parser, which is imported when a scene is."""
+"""The tree of plugins of a scene's file, by Mitsuba's own parser, and the properties that its plugins may have."""
 
 import importlib
 import os
@@ -165,7 +165,7 @@ TABLE: dict[tuple[str, str], Properties] = {
     ("integrator", "volpath"): Properties(("max_depth", "hide_emitters"), ("rr_depth",)),
     ("integrator", "volpathmis"): Properties(("max_depth", "hide_emitters"), ("rr_depth",)),
 }
-"""The plugins that the import reads, by tag and kind (Mitsuba 3.7's documentation of plugins)."""
+"""The plugins that the import reads, by tag and kind (Mitsuba 3.9's documentation of plugins)."""
 
 
 def check_properties(plugins: Iterable[Plugin], path: str, lost: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""Mitsuba's scenes are trees of plugins, which can be written as XML and as a program in Python."""
+"""Trees of plugins, which Mitsuba's scenes are, written as XML and as a program in Python."""
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Mitsuba's spheres and rectangles become shapes of ours, with what they are made of."""
+"""Shapes of Mitsuba's spheres and rectangles, with what they are made of."""
 
 import dataclasses
 import math
@@ -8,41 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from raytrace_jax.exchange.described import holds
-from raytrace_jax.exchange.mitsuba.materials import BLACK, Read, read_bsdf, read_medium, read_radiance
+from raytrace_jax.exchange.described import BLACK, Shape, around
+from raytrace_jax.exchange.mitsuba.materials import read_bsdf, read_medium, read_radiance
 from raytrace_jax.exchange.mitsuba.plugins import Plugin, number_of, place_of, transform_of
-from raytrace_jax.scene import build
-from raytrace_jax.scene.rows import Description
-
-EQUAL = 1e-9
-"""Lengths that differ by a smaller share are equal, and directions that lean less are at right angles."""
 
 KINDS = ("sphere", "rectangle")
 """Kinds of shapes that are read."""
 
 
-@dataclasses.dataclass
-class ShapeRead:
-    """A shape that was read, with the numbers and the name of its block."""
-
-    kind: str
-    numbers: dict[str, Any]
-    surface: Read
-    is_within: bool  # A medium is said to be around it.
-    name: str = ""
-
-    @property
-    def material(self) -> str:
-        """The name of its material."""
-        return self.surface.name or f"{self.name}_material"
-
-    def block(self, material: str) -> Description:
-        """The block of the shape."""
-        construct = build.sphere if self.kind == "sphere" else build.rectangle
-        return construct(self.name, material=material, **self.numbers)
-
-
-def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: list[str]) -> ShapeRead | None:
+def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: list[str]) -> Shape | None:
     """A shape, yet without a name; None where it is of a form that we have not. `lost` gets what else we have not.
 
     `eye` is where the camera is; None where it was not read before.
@@ -71,41 +45,41 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
         side = -1 if plugin.values.get("flip_normals") is True else 1
         if side * np.cross(numbers["right"], numbers["up"]) @ np.subtract(eye, numbers["center"]) < 0:
             lost.append("it shines to the camera too, from its back")
-    return ShapeRead(plugin.kind, numbers, surface, outer in plugin.values)
+    return Shape(plugin.kind, "", numbers, surface, is_within=outer in plugin.values)
 
 
 def _numbers(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
     """The numbers of a sphere or a rectangle; None for an ellipsoid, and a rectangle that is askew."""
-    matrix = transform_of(plugin)
+    # Lengths that differ by a smaller share are equal, and directions that lean less are at right angles.
+    matrix, equal = transform_of(plugin), 1e-9
     if plugin.kind == "sphere":
         gram, radius = matrix[:3, :3].T @ matrix[:3, :3], number_of(plugin, "radius", 1.0)
-        if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=0, atol=EQUAL * np.abs(gram).max()):
+        if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=0, atol=equal * np.abs(gram).max()):
             lost.append("its to_world makes it an ellipsoid")
             return None
         return {"center": place_of(plugin, "center"), "radius": radius * math.sqrt(gram[0, 0])}
     right, up = matrix[:3, 0], matrix[:3, 1]
-    if abs(right @ up) > EQUAL * np.linalg.norm(right) * np.linalg.norm(up):
+    if abs(right @ up) > equal * np.linalg.norm(right) * np.linalg.norm(up):
         lost.append("its sides are not at right angles")
         return None
     vectors = {"center": matrix[:3, 3], "right": right, "up": up}
     return {key: tuple(map(float, vector)) for key, vector in vectors.items()}
 
 
-def give_indices(shapes: Sequence[ShapeRead], lost: list[str]) -> None:
-    """Turn inner and outer indices into those against vacuum, from the largest ball of glass to the smallest."""
-    balls = [shape for shape in shapes if shape.kind == "sphere"]
-    done: list[ShapeRead] = []
-    for shape in sorted((ball for ball in balls if ball.surface.inside), key=lambda ball: -ball.numbers["radius"]):
-        holding = [other for other in done if holds(other.numbers, shape.numbers)]
-        around = min(holding, key=lambda other: other.numbers["radius"]).surface if holding else None
-        surface = shape.surface
-        if around is not None and around.inside == surface.outside:
-            ior = surface.inside * (around.ior / around.inside)
-        else:
-            ior = surface.inside / surface.outside * (1.0 if around is None else around.ior)
-        shape.surface = dataclasses.replace(surface, ior=ior)
-        done.append(shape)
-    for shape in shapes:
-        is_held = shape in balls and any(holds(other.numbers, shape.numbers) for other in done)
-        if shape.is_within and not is_held:
-            lost.append(f"shape {shape.name}: exterior; there is nothing around it")
+def with_indices(shapes: Sequence[Shape], lost: list[str]) -> list[Shape]:
+    """The shapes with indices against vacuum for inner and outer ones, found from the largest ball of glass inwards."""
+    balls = [shape for shape in shapes if shape.keyword == "sphere" and shape.material.is_glass]
+    done: list[Shape] = []
+    for shape in sorted(balls, key=lambda ball: -ball.numbers["radius"]):
+        outer, material = around(shape, done), shape.material
+        ior = material.inside / material.outside * (1.0 if outer is None else outer.ior)
+        if outer is not None and outer.inside == material.outside:
+            ior = material.inside * (outer.ior / outer.inside)  # Exact where the file's indices are.
+        done.append(shape._replace(material=dataclasses.replace(material, ior=ior)))
+    lost += [
+        f"shape {shape.name}: exterior; there is nothing around it"
+        for shape in shapes
+        if shape.is_within and around(shape, done) is None
+    ]
+    by_name = {shape.name: shape for shape in done}
+    return [by_name.get(shape.name, shape) for shape in shapes]

@@ -1,6 +1,0 @@
-"""A scene can be written for these programs; free of JAX, for the command line."""
-
-from typing import Literal
-
-Format = Literal["pov", "mitsuba", "mitsuba-dict"]
-"""POV-Ray 3.7's language; Mitsuba 3's XML; a program in Python with the dictionary that Mitsuba takes."""

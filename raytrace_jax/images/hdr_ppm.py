@@ -1,0 +1,87 @@
+"""Radiance HDR and PPM files: OpenImageIO reads them, and what it would read wrongly is refused here."""
+
+import os
+import re
+
+import numpy as np
+
+from raytrace_jax.errors import PictureError
+from raytrace_jax.images import Transfer
+from raytrace_jax.images.picture_file import LibraryFile
+from raytrace_jax.images.transfer import ENCODERS, REC_709
+from raytrace_jax.util.files import atomic_write, read_bytes
+
+HDR_HEADER = re.compile(rb"(#\?(?:[^\r\n]+\r?\n)*)\r?\n-Y +(\d{1,9}) +\+X +(\d{1,9}) *\r?\n")
+"""Lines up to an empty one, and the size of a picture that is stored from its upper left."""
+
+HDR_SAYS = re.compile(rb"^(EXPOSURE|GAMMA|PIXASPECT|COLORCORR|PRIMARIES|FORMAT(?!=32-bit_rle_rgbe\s*$))=(.*)", re.M)
+HDR_READ = {b"COLORCORR": [(1, 1, 1)], b"PRIMARIES": [REC_709, (0,) * 8], b"FORMAT": []}
+"""Numbers by which a header changes no colour, where it is not 1 alone; Photoshop writes primaries of 0."""
+
+PPM_HEADER = re.compile(rb"P[36]" + 3 * rb"(?:\s|#[^\n\r]*[\n\r])+(\d{1,9})" + rb"\s")
+"""Width, height and the largest number, with spaces or comments before each, and one space behind them."""
+
+
+class HdrFile(LibraryFile):
+    """A Radiance HDR (https://radsite.lbl.gov/radiance/refer/Notes/picture_format.html): colours m 2^(e - 136)."""
+
+    format, suffixes = "Radiance HDR", (".hdr",)
+
+    def stored(self) -> np.ndarray:
+        """As of any file, if its numbers are light that OpenImageIO reads."""
+        data, advice = read_bytes(self.path, error=PictureError), "save it as OpenEXR with the program that made it"
+        head = HDR_HEADER.match(data)
+        if head is None:
+            raise self.error(f"has no header with a size such as '-Y 480 +X 640', or is turned: {advice}")
+        for name, value in HDR_SAYS.findall(head[1]):
+            try:
+                numbers = tuple(map(float, value.split()))
+            except ValueError:
+                numbers = ()
+            if numbers not in HDR_READ.get(name, [(1,)]):
+                said = f"{name.decode()}={value.strip()[:60].decode('latin-1')}"
+                raise self.error(f"says {said}, which is not read: {advice}")
+        # A byte stands for 16 pixels at most: runs of 127 take two bytes in each of four channels.
+        body = data[head.end() :]
+        if int(head[2]) * int(head[3]) > 16 * len(body):
+            raise self.error("is truncated: some of its pixels are missing")
+        # OpenImageIO takes the pixel 1 1 1 n, "the last one n times" in the old coding, for a grey 2^(n - 136).
+        if b"\1\1\1" in body and (body[:2] != b"\2\2" or (np.frexp(super().stored())[0] == 0.5).all(axis=-1).any()):
+            raise self.error(f"may have runs of pixels in Radiance's old coding, which is not read: {advice}")
+        return super().stored()
+
+
+class PpmFile(LibraryFile):
+    """A PPM, plain (P3) or raw (P6), as courses write them (netpbm's manual, `ppm`); it says nothing of its numbers."""
+
+    format, suffixes, usual = "PPM", (".ppm",), "course"
+
+    def stored(self) -> np.ndarray:
+        """As of any file, if it has as many numbers as its head says, and none is beyond the largest."""
+        data = read_bytes(self.path, error=PictureError)
+        head = PPM_HEADER.match(data)
+        if head is None or int(head[3]) not in (255, 65535):
+            wanted = "a head with a width, a height and 255 or 65535 as the largest number is wanted"
+            raise self.error(f"is a broken PPM picture or of other numbers, and {wanted}: `pamdepth 255` converts it")
+        width, height, largest = map(int, head.groups())
+        wanted, body = 3 * width * height, data[head.end() :]
+        if data.startswith(b"P3"):
+            words = re.sub(rb"#[^\n\r]*", b"", body).split()
+            is_whole = len(words) == wanted and all(w.isdigit() and len(w) < 10 and int(w) <= largest for w in words)
+        else:
+            is_whole = len(body) == wanted * (1 if largest == 255 else 2)
+        if not is_whole:
+            raise self.error(f"is not whole: 3 x {width} x {height} numbers from 0 to {largest} are wanted, no more")
+        return super().stored()
+
+
+def write_ppm(path: str | os.PathLike[str], rgb: np.ndarray, *, transfer: Transfer = "course") -> None:
+    """Write a raw PPM of 8 bits, which does not say its transfer; the file appears only when it is whole.
+
+    The colours are "3 height width", scene-linear and finite, top row first; they are clamped to [0, 1]. Raises
+    PictureError if the file cannot be written.
+    """
+    numbers = np.moveaxis(ENCODERS[transfer](rgb), 0, -1)
+    height, width, _ = numbers.shape
+    with atomic_write(path, error=PictureError) as temporary:
+        temporary.write_bytes(b"P6\n%d %d\n255\n" % (width, height) + np.ascontiguousarray(numbers).tobytes())
