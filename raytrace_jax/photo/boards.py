@@ -1,19 +1,21 @@
-"""A calibration board as a scene's file describes it: where its markers and corners are."""
+"""A calibration board as a scene's file describes it: where its markers and corners are, as OpenCV finds them."""
 
+import importlib
 import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.photo.opencv import opencv
 from raytrace_jax.scene.reader import parse_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.util.files import read_bytes
+from raytrace_jax.util.text import install
 
 DICTIONARIES = tuple(f"DICT_{n}X{n}_{count}" for n in (5, 4, 6, 7) for count in (1000, 250, 100, 50))
 """Sets of markers that a board may be made of; of equal markers the largest set comes first."""
@@ -27,10 +29,28 @@ LEAST_MARKERS = 6
 LEAST_CORNERS = 20
 """The fewest corners of a board, and of a photograph; a camera has up to nine free numbers."""
 
-STRETCHED = 0.05
-"""Markers may be wider than high by this share, by the pixels of a small texture."""
-
 HAS_CAMERA = re.compile(r"^[^#/]*\bcamera\b", re.MULTILINE)
+
+
+def opencv(purpose: str) -> ModuleType:
+    """The module cv2, with the detectors of ChArUco boards.
+
+    Args:
+        purpose: what needs it, the start of the message where it is missing.
+
+    Raises:
+        RaytraceError: OpenCV is missing, cannot be loaded or is too old; with the command that installs it.
+    """
+    try:
+        cv2 = importlib.import_module("cv2")
+    except ModuleNotFoundError:
+        raise RaytraceError(f"{purpose} needs OpenCV: {install('photo')}") from None
+    except ImportError as cause:  # It is there, but a library of the system that it wants is not.
+        raise RaytraceError(f"{purpose} needs OpenCV, which cannot be loaded ({cause}): {install('photo')}") from None
+    if not hasattr(getattr(cv2, "aruco", None), "CharucoDetector"):
+        version = getattr(cv2, "__version__", "of no version")
+        raise RaytraceError(f"{purpose} needs OpenCV 4.10 or newer, and {version} is here: {install('photo')}")
+    return cv2
 
 
 @dataclass(frozen=True)
@@ -113,7 +133,8 @@ def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
     rows, columns = texture.shape
     markers = (found / [columns, rows] * 2 - 1) * [1, -1] * half
     wide, high = (float(np.median(np.linalg.norm(markers[:, 1] - markers[:, k], axis=-1))) for k in (0, 2))
-    if abs(wide / high - 1) > STRETCHED:
+    # Markers may be wider than high by a twentieth, by the pixels of a small texture.
+    if abs(wide / high - 1) > 0.05:
         raise RaytraceError(
             f"{path}: its markers would be {wide:.4g} wide and {high:.4g} high: the rectangle has other proportions "
             "than its picture."

@@ -8,18 +8,15 @@ import numpy as np
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import BACK
 from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.bundle import adjust
-from raytrace_jax.photo.cameras import FOV, LENS
-from raytrace_jax.photo.find_camera import FoundCamera, Photograph, find_camera, known_before
-from raytrace_jax.photo.lens import LensPrior, Turn, turned, uncalibrated
+from raytrace_jax.photo.bundle import adjust, known_before
+from raytrace_jax.photo.find_camera import FoundCamera, find_camera
+from raytrace_jax.photo.lens import LensPrior, turned, uncalibrated
 from raytrace_jax.photo.markers import find_markers
+from raytrace_jax.photo.photograph import Photograph
 from raytrace_jax.util.digits import with_error
 
 LEAST_PICTURES = 3
 """The fewest pictures: fewer do not tell what all have in common from what each has of its own."""
-
-OTHER_ZOOM = 0.01
-"""A picture whose angle of view is off by more than this share, and by many errors, was taken with another zoom."""
 
 
 class Calibrated(NamedTuple):
@@ -57,7 +54,7 @@ def calibrate(photographs: Sequence[Photograph], board: CharucoBoard) -> Calibra
     size = one_size(photographs)
     # The camera may be turned, and its lens, which stays the same on the sensor, is turned with it.
     found = [
-        find_camera(one, board, find_markers(one.grey, board, one.name), turned(uncalibrated(), one.orientation, size))
+        find_camera(one, board, find_markers(one, board), turned(uncalibrated(), one.orientation, size))
         for one in photographs
     ]
     first = photographs[0]
@@ -93,17 +90,14 @@ def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], le
         PictureError: the angle of view of one is not that of the others; the message names it.
     """
     first = photographs[0]
-    views = [
-        camera.view._replace(turn=Turn(first.size_on_sensor, first.orientation, one.orientation))
-        for camera, one in zip(found, photographs, strict=True)
-    ]
+    views = [camera.view._replace(turn=first.turn_to(one)) for camera, one in zip(found, photographs, strict=True)]
     seen = adjust(views, known_before(lens, (0.0, 0.0))).views
-    apart = [camera.lens.mean - one.numbers[LENS] for camera, one in zip(found, seen, strict=True)]
+    apart = [camera.lens.mean - one.setup.lens for camera, one in zip(found, seen, strict=True)]
     # One of another zoom moves what all say: the median of what each says stays.
-    shares = np.array([camera.lens.mean[0] / one.numbers[FOV] for camera, one in zip(found, seen, strict=True)])
+    shares = np.array([camera.lens.mean[0] / one.setup.fov for camera, one in zip(found, seen, strict=True)])
     for photograph, camera, share in zip(photographs, found, shares / np.median(shares), strict=True):
         fov, error = camera.lens.mean[0], np.sqrt(camera.lens.covariance[0, 0])
-        if abs(share - 1) > max(OTHER_ZOOM, 8 * error / fov):
+        if abs(share - 1) > max(0.01, 8 * error / fov):
             raise PictureError(
                 f"{photograph.name}: it tells an angle of view of {with_error(fov, error)} degrees, and others one of "
                 f"{fov / share:.4g}: one camera, one zoom and one focus are wanted."
@@ -111,6 +105,6 @@ def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], le
     squares = [float(off @ np.linalg.pinv(one.lens.covariance) @ off) for one, off in zip(found, apart, strict=True)]
     birge = max(1.0, sum(squares) / (len(lens.mean) * max(len(found) - 1, 1)))
     return [
-        FoundCamera(camera.view._replace(numbers=one.numbers), birge * one.covariance, camera.blur, one.sigma[0])
+        FoundCamera(camera.view._replace(setup=one.setup), birge * one.covariance, camera.blur, one.sigma[0])
         for camera, one in zip(found, seen, strict=True)
     ]

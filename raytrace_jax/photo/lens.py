@@ -28,6 +28,11 @@ class LensPrior(NamedTuple):
     mean: Float[np.ndarray, "5"]
     covariance: Float[np.ndarray, "5 5"]
 
+    @property
+    def errors(self) -> Float[np.ndarray, "5"]:
+        """The standard deviation of each number."""
+        return np.sqrt(np.diagonal(self.covariance))
+
 
 def uncalibrated(fov: float | None = None, spread: float = 0.0) -> LensPrior:
     """A lens of which at most the angle of view is known, in degrees, with its standard deviation."""
