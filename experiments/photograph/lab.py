@@ -22,7 +22,7 @@ jax.config.update("jax_enable_x64", True)
 from raytrace_jax import RenderSettings, enable_compile_cache, fit, read_picture  # noqa: E402
 from raytrace_jax.errors import RaytraceError  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
-from raytrace_jax.photo.calibrate import calibrate  # noqa: E402
+from raytrace_jax.photo.find_camera import calibrate  # noqa: E402
 from raytrace_jax.photo.flattened import flatten  # noqa: E402
 from raytrace_jax.photo.lens import read_lens, uncalibrated, write_lens  # noqa: E402
 from raytrace_jax.photo.locate import locate_together  # noqa: E402

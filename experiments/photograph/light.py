@@ -10,6 +10,7 @@ true camera and mask in that room. FOLDER's `light.json` gets each row at once; 
 """
 
 import argparse
+import dataclasses
 import json
 import re
 import sys
@@ -97,7 +98,7 @@ def truly(located, truth: dict):
     )
     covariance, glass = np.zeros_like(located.covariance), np.ix_(AT.ball[:4], AT.ball[:4])
     covariance[glass] = located.covariance[glass]
-    return located._replace(setup=setup, covariance=covariance)
+    return dataclasses.replace(located, setup=setup, covariance=covariance)
 
 
 def run(number: int, case: str, folder: Path) -> dict:

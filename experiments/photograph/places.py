@@ -22,9 +22,10 @@ jax.config.update("jax_enable_x64", True)
 
 from raytrace_jax import enable_compile_cache  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
-from raytrace_jax.photo.bundle import AdjustmentOptions, Corners, linearized, padded  # noqa: E402
+from raytrace_jax.photo.bundle import AdjustmentOptions, linearized, padded  # noqa: E402
 from raytrace_jax.photo.geometry import AT, COUNT, Setup  # noqa: E402
 from raytrace_jax.photo.locate import LocateOptions  # noqa: E402
+from raytrace_jax.photo.photograph import Corners  # noqa: E402
 from raytrace_jax.photo.sight import Sight  # noqa: E402
 
 SIZE, FOV = (1600, 1200), 38.6

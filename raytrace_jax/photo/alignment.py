@@ -8,14 +8,13 @@ ball's rim move anything: a slope of the contrast looks like a shift.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter, minimum_filter
 
 from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.photograph import RAYS, offsets
+from raytrace_jax.photo.photograph import RAYS, Corners, offsets
 
 
 @dataclass(frozen=True)
@@ -29,6 +28,7 @@ class AlignmentOptions:
             next one.
         least_pixels: the fewest pixels that are compared.
         least_contrast: the least contrast, as a fraction of the median patch's; dark glass or a highlight has less.
+        largest_spread: a corner that its patch places worse than to so many pixels does not count.
         correlated: what a patch does not explain is alike in neighbouring pixels, so that corners scatter by so many
             times the spread that independent pixels would tell: 1.5 to 2.2 times in rooms by POV-Ray, in the middle of
             a ball as near its rim.
@@ -39,6 +39,7 @@ class AlignmentOptions:
     within: float = 0.45
     least_pixels: int = 40
     least_contrast: float = 0.15
+    largest_spread: float = 0.3
     correlated: float = 2.0
 
 
@@ -47,20 +48,6 @@ MARGIN = 6
 
 See = Callable[[Float[np.ndarray, "n 2"]], tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]]
 """The place of the board that each pixel sees, and whether it sees one that counts."""
-
-
-class Aligned(NamedTuple):
-    """Corners that were measured.
-
-    Args:
-        pixels: where they are.
-        spread: standard deviation of that, of its worse direction, in pixels, as the patch's residual tells.
-        good: whether the patch shows the corner.
-    """
-
-    pixels: Float[np.ndarray, "n 2"]
-    spread: Float[np.ndarray, " n"]
-    good: Bool[np.ndarray, " n"]
 
 
 def align(
@@ -72,25 +59,23 @@ def align(
     blur: float,
     rounds: int = 2,
     options: AlignmentOptions = AlignmentOptions(),
-) -> Aligned:
+) -> Corners:
     """Shift each patch of the board until it lies on the photograph.
 
     Args:
         light: the photograph, scene-linear.
-        board: what it shows.
-        corners: places of the board.
-        expected: the pixels in which `see` has them.
+        corners, expected: places of the board, and the pixels in which `see` has them.
         see: where pixels look at present.
         blur: standard deviation of the camera's blur in pixels.
         rounds: how often patches are shifted and drawn anew.
 
     Returns:
-        The corners where their patches came to lie, and which of them count.
+        The corners that count, where their patches came to lie, with the scatter that the patches' residuals tell.
     """
     box, fits = _boxes(light, expected, options.half)
     shift, spread, contrast = np.zeros_like(expected), np.full(len(expected), np.inf), np.zeros(len(expected))
     if not fits.any():
-        return Aligned(expected, spread, fits)
+        return Corners.none()
     where = np.flatnonzero(fits)
     seen = light[box[..., 1], box[..., 0]]
     for _ in range(rounds):
@@ -101,9 +86,9 @@ def align(
                 step, spread[where[k]], contrast[where[k]] = found
                 shift[where[k]] += np.clip(step, -2, 2)
     usual = np.median(contrast[contrast > 0]) if (contrast > 0).any() else np.inf
-    good = np.isfinite(spread) & (contrast > options.least_contrast * usual)
+    good = (spread < options.largest_spread) & (contrast > options.least_contrast * usual)
     good &= np.max(np.abs(shift), axis=1) < options.half / 2
-    return Aligned(expected + shift, spread, good)
+    return Corners(expected + shift, corners, spread).where(good)
 
 
 def best_blur(

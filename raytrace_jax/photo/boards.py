@@ -20,9 +20,6 @@ from raytrace_jax.util.text import install
 DICTIONARIES = tuple(f"DICT_{n}X{n}_{count}" for n in (5, 4, 6, 7) for count in (1000, 250, 100, 50))
 """Sets of markers that a board may be made of; of equal markers the largest set comes first."""
 
-READ = "DICT_4X4, DICT_5X5, DICT_6X6 and DICT_7X7 of 50 to 1000"
-"""These sets in words."""
-
 LEAST_MARKERS = 6
 """The fewest markers of a board; fewer say too little."""
 
@@ -33,10 +30,7 @@ HAS_CAMERA = re.compile(r"^[^#/]*\bcamera\b", re.MULTILINE)
 
 
 def opencv(purpose: str) -> ModuleType:
-    """The module cv2, with the detectors of ChArUco boards.
-
-    Args:
-        purpose: what needs it, the start of the message where it is missing.
+    """The module cv2, which only the commands for photographs need; `purpose` begins the message where it is missing.
 
     Raises:
         RaytraceError: OpenCV is missing, cannot be loaded or is too old; with the command that installs it.
@@ -58,7 +52,7 @@ class CharucoBoard:
     """A board in its own plane: x to the right, y up, from its middle, in the scene's unit of length.
 
     Args:
-        path: the file that describes it, and the text that it has.
+        path: the file that describes it.
         dictionary: OpenCV's name of its set of markers.
         half: half its width and height.
         square: the side of a square.
@@ -69,7 +63,6 @@ class CharucoBoard:
     """
 
     path: Path
-    text: str
     dictionary: str
     half: Float[np.ndarray, "2"]
     square: float
@@ -95,13 +88,9 @@ class CharucoBoard:
 
 
 def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
-    """Read a board from the blocks of a scene: a rectangle with the picture of a ChArUco board, which is looked at.
+    """Read a board from the blocks of a scene, in whose picture OpenCV finds its markers.
 
-    Args:
-        path: a file as `raytrace-jax board` writes it, or of any picture of a board on a rectangle of its size.
-
-    Returns:
-        The board; its markers and corners are those that OpenCV finds in the picture.
+    They are those that `raytrace-jax board` writes, or any picture of a ChArUco board on a rectangle of its size.
 
     Raises:
         RaytraceError: the file cannot be read, has not one rectangle with a picture, or the picture shows no board, or
@@ -150,7 +139,7 @@ def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
             f"{path}: the board is too small: {len(corners)} corners lie between the squares of its {len(ids)} "
             f"markers, and {LEAST_CORNERS} are wanted, as a board of 6 x 5 squares has."
         )
-    return CharucoBoard(path, text, name, half, square, ids, markers, corners, texture)
+    return CharucoBoard(path, name, half, square, ids, markers, corners, texture)
 
 
 def _scene_of(text: str, path: Path) -> Scene:
@@ -181,8 +170,9 @@ def _markers_in(
         other = max(counts, key=lambda name: counts[name])
         beside = f", and {counts[other]} of {other}, which is none of these" if counts[other] >= LEAST_MARKERS else ""
         raise RaytraceError(
-            f"{path}: its picture shows {len(best[1])} markers of the sets that are read, {READ}{beside}. A board has "
-            f"{LEAST_MARKERS} at least: make one with `raytrace-jax board`."
+            f"{path}: its picture shows {len(best[1])} markers of the sets that are read, DICT_4X4, DICT_5X5, "
+            f"DICT_6X6 and DICT_7X7 of 50 to 1000{beside}. A board has {LEAST_MARKERS} at least: make one with "
+            "`raytrace-jax board`."
         )
     return best
 

@@ -7,11 +7,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from raytrace_jax.photo.geometry import AT, COUNT, Setup, misses, project
 from raytrace_jax.photo.lens import LensPrior, Turn
+from raytrace_jax.photo.photograph import Corners
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import TINY
 
@@ -28,35 +29,10 @@ class AdjustmentOptions:
         corner_floor: least standard deviation of a corner in pixels, beside its patch's own spread: what moves one
             corner, a reflection or the shape of the blur, moves its neighbours too. In rooms by POV-Ray .01 to .02 do
             the same; with .03 good corners count for too little, and errors are too large.
-        rounds: how often the weights follow the misses, with a least-squares search each time.
     """
 
     robust: float = 2.5
     corner_floor: float = 0.015
-    rounds: int = 6
-
-
-class Corners(NamedTuple):
-    """Corners in a photograph.
-
-    Args:
-        pixels: where they are seen.
-        places: where they lie on the board.
-        spread: the standard deviation of each that is known, in pixels.
-    """
-
-    pixels: Float[np.ndarray, "n 2"]
-    places: Float[np.ndarray, "n 2"]
-    spread: Float[np.ndarray, " n"]
-
-    @classmethod
-    def none(cls) -> "Corners":
-        """No corners."""
-        return cls(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
-
-    def where(self, chosen: Bool[np.ndarray, " n"]) -> "Corners":
-        """The chosen corners."""
-        return Corners(self.pixels[chosen], self.places[chosen], self.spread[chosen])
 
 
 class PhotoView(NamedTuple):
@@ -64,14 +40,12 @@ class PhotoView(NamedTuple):
 
     Args:
         setup: where to begin.
-        scale: about how far each number may move; 0 holds it.
         size: width and height.
         direct, through: its corners.
         turn: how its lens follows from that of the first view, which may have been turned otherwise.
     """
 
     setup: Setup
-    scale: Setup
     size: tuple[int, int]
     direct: Corners
     through: Corners
@@ -84,14 +58,19 @@ class Known(NamedTuple):
     Args:
         mean: of each number of the first view; of what is not known it means nothing.
         root: a square root of the precision matrix; no rows know nothing.
+        scale: about how far each number may move, the translation in distances of the board; 0 holds it.
     """
 
     mean: Float[np.ndarray, " numbers"]
     root: Float[np.ndarray, "rows numbers"]
+    scale: Float[np.ndarray, " numbers"]
 
 
 def known_before(lens: LensPrior, radius: tuple[float, float]) -> Known:
-    """What is known before: the lens, and the radius with its standard deviation; 0 is exact."""
+    """What is known before: the lens, and the ball's radius with its standard deviation; (0, 0) if there is no ball.
+
+    What has no error is held.
+    """
     mean, root = np.zeros(COUNT), np.zeros((len(AT.lens) + 1, COUNT))
     mean[AT.lens], mean[AT.radius] = lens.mean, radius[0]
     variance = np.diagonal(lens.covariance)
@@ -101,36 +80,42 @@ def known_before(lens: LensPrior, radius: tuple[float, float]) -> Known:
         root[np.ix_(np.arange(len(is_known)), AT.lens[is_known])] = np.linalg.cholesky(precision).T
     if radius[1] > 0:
         root[-1, AT.radius] = 1 / radius[1]
-    return Known(mean, root)
+    of_lens = np.array([1.0, 0.02, 0.02, 0.01, 0.01]) * (variance > 0)
+    scale = np.array([*[0.02] * 6, *of_lens, 0.05 * (radius[0] > 0), *[0.1 * radius[0]] * 3, radius[1]])
+    return Known(mean, root, scale)
 
 
-def step_scales(setup: Setup, radius: tuple[float, float], lens: LensPrior) -> Setup:
-    """About how far each number may move; 0 for what is known exactly."""
-    distance = float(np.linalg.norm(setup.translation))
-    of_lens = np.array([1.0, 0.02, 0.02, 0.01, 0.01]) * (np.diagonal(lens.covariance) > 0)
-    pose, ball = np.repeat([0.02, 0.02 * distance], 3), [0.05, *[0.1 * radius[0]] * 3, radius[1]]
-    return Setup.of(np.concatenate([pose, of_lens, ball]))
-
-
-class AdjustedView(NamedTuple):
+@dataclass(frozen=True)
+class AdjustedView:
     """What least squares found of one view.
 
     Args:
-        setup: the estimate.
-        covariance: of its numbers, from all corners' scatter and what was known.
-        sigma: the standard deviation of a coordinate in pixels, of what is seen directly and of what through the glass.
-        used: which corners count.
+        setup: camera and ball.
+        covariance: of their numbers, raveled, from all corners' scatter and what was known.
+        sigma: standard deviations of corners that are seen directly, and through the glass, in pixels.
+        direct, through: the corners that count.
     """
 
     setup: Setup
     covariance: Float[np.ndarray, "numbers numbers"]
     sigma: tuple[float, float]
-    used: tuple[Bool[np.ndarray, " direct"], Bool[np.ndarray, " through"]]
+    direct: Corners
+    through: Corners
 
     @property
     def errors(self) -> Setup:
         """The standard deviation of each number."""
         return Setup.of(np.sqrt(np.diagonal(self.covariance)))
+
+    @property
+    def lens(self) -> LensPrior:
+        """The camera's lens."""
+        return LensPrior(self.setup.lens, self.covariance[np.ix_(AT.lens, AT.lens)])
+
+    @property
+    def ior(self) -> tuple[float, float]:
+        """The ball's index over the air's, and its standard deviation."""
+        return float(self.setup.ior), float(self.errors.ior)
 
 
 class Adjusted(NamedTuple):
@@ -162,67 +147,35 @@ def adjust(views: Sequence[PhotoView], known: Known, options: AdjustmentOptions 
         views: photographs with one camera of one ball; the first begins with what is common. One without corners
             through the glass needs none of a ball's numbers.
         known: what is known before.
-
-    Returns:
-        The numbers, their covariance, the corners' scatter, and which corners count.
     """
     system = _System(views, known)
     believed = [np.hypot(group.spread, options.corner_floor) for group in system.groups]
-    weights = [_Weights(1.0, np.ones(len(sigma), bool), np.ones(len(sigma))) for sigma in believed]
     x = np.zeros(len(system.free))
+    used, factors = [np.ones(len(sigma), bool) for sigma in believed], [1.0] * len(believed)
 
     # Scatter and weights follow from the misses at the present numbers, the numbers from these, and so on.
-    residual, jacobian = np.zeros(0), np.zeros((0, len(x)))
-    for number in range(options.rounds):
-        off = [np.linalg.norm(value, axis=-1) for value, _ in system.misses(x)]
-        is_last = number == options.rounds - 1
-        weights = [
-            _reweighted(length / sigma, before.used, options.robust, is_last)
-            for length, sigma, before in zip(off, believed, weights, strict=True)
-        ]
-        by = [np.sqrt(one.weight) / (one.factor * sigma) for one, sigma in zip(weights, believed, strict=True)]
-
-        def value(x, by=by):
-            return system.rows(x, by)[0]
-
-        def slope(x, by=by):
-            return system.rows(x, by)[1]
-
-        x = least_squares(value, x, jac=slope, max_nfev=60).x  # pyright: ignore[reportArgumentType]
-        residual, jacobian = system.rows(x, by)
+    for rounds_left in reversed(range(6)):
+        misses = zip(system.misses(x), believed, used, strict=True)
+        lengths = [(np.linalg.norm(value, axis=-1) / sigma, u) for (value, _), sigma, u in misses]
+        # The median length of two normal coordinates of standard deviation 1 is sqrt(2 ln 2).
+        factors = [max(float(np.median(n[u])) / 1.1774, 1.0) if u.any() else 1.0 for n, u in lengths]
+        off = [n / factor for (n, _), factor in zip(lengths, factors, strict=True)]
+        used = [one < 2 * options.robust for one in off]
+        weights = [np.minimum(1, options.robust / np.maximum(one, TINY)) if rounds_left else u.astype(float)
+                   for one, u in zip(off, used, strict=True)]  # fmt: skip
+        rows = zip(weights, factors, believed, strict=True)
+        system.factors = [np.sqrt(weight) / (factor * sigma) for weight, factor, sigma in rows]
+        x = least_squares(system.residual, x, jac=system.jacobian, max_nfev=60).x  # pyright: ignore[reportArgumentType]
 
     # The last round's rows tell how sure the numbers are.
-    covariance = system.covariance(jacobian)
-    sigma = [
-        float(one.factor * np.median(least)) if len(least) else 0.0
-        for one, least in zip(weights, believed, strict=True)
-    ]
-    joint, found = system.joint(x), []
+    joint, covariance = system.joint(x), system.covariance(x)
+    sigma = [float(f * np.median(s)) if len(s) else 0.0 for f, s in zip(factors, believed, strict=True)]
+    corners, found = [group.where(u) for group, u in zip(system.groups, used, strict=True)], []
     for k in range(len(views)):
-        numbers, chain = system.view(joint, k)
-        i, j = 2 * k, 2 * k + 1
-        used = weights[i].used, weights[j].used
-        found.append(AdjustedView(Setup.of(numbers), chain @ covariance @ chain.T, (sigma[i], sigma[j]), used))
-    return Adjusted(tuple(found), joint, covariance, system.known, float(residual @ residual) / 2)
-
-
-class _Weights(NamedTuple):
-    """How much each corner of a group counts, which ones count at all, and their scatter over the believed one."""
-
-    factor: float
-    used: Bool[np.ndarray, " n"]
-    weight: Float[np.ndarray, " n"]
-
-
-def _reweighted(
-    length: Float[np.ndarray, " n"], used: Bool[np.ndarray, " n"], robust: float, is_last: bool
-) -> _Weights:
-    """The weights that follow from misses, whose lengths are in standard deviations."""
-    # The median length of two normal coordinates of standard deviation 1 is sqrt(2 ln 2).
-    factor = max(float(np.median(length[used])) / 1.1774, 1.0) if used.any() else 1.0
-    used = length / factor < 2 * robust
-    weight = used.astype(float) if is_last else np.minimum(1, robust / np.maximum(length / factor, TINY))
-    return _Weights(factor, used, weight)
+        (numbers, chain), own = system.view(joint, k), slice(2 * k, 2 * k + 2)
+        scatter = (sigma[2 * k], sigma[2 * k + 1])
+        found.append(AdjustedView(Setup.of(numbers), chain @ covariance @ chain.T, scatter, *corners[own]))
+    return Adjusted(tuple(found), joint, covariance, system.known, float(np.sum(system.residual(x) ** 2)) / 2)
 
 
 class _System:
@@ -230,15 +183,16 @@ class _System:
 
     def __init__(self, views: Sequence[PhotoView], known: Known):
         first, others = views[0], views[1:]
-        self.views = views
-        self.groups = [group for view in views for group in (view.direct, view.through)]
+        self.views, self.groups = views, [group for view in views for group in (view.direct, view.through)]
         self.start = np.concatenate([first.setup.vector, *(view.setup.own for view in others)])
-        scale = np.concatenate([first.scale.vector, *(view.scale.own for view in others)])
+        scales = [_scale_of(view, known) for view in views]
+        scale = np.concatenate([scales[0].vector, *(one.own for one in scales[1:])])
         self.free = np.flatnonzero(scale > 0)
         self.scale = scale[self.free]
         more = (0, len(self.start) - COUNT)
-        self.known = Known(np.pad(known.mean, more), np.pad(known.root, ((0, 0), more)))
+        self.known = Known(np.pad(known.mean, more), np.pad(known.root, ((0, 0), more)), scale)
         self._padded = [(padded(view.direct), padded(view.through)) for view in views]
+        self.factors: list[np.ndarray] = []  # Of each corner's misses in the residual.
         self._kept: tuple[bytes | None, list] = (None, [])
 
     def joint(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, " joint"]:
@@ -251,7 +205,9 @@ class _System:
         self, joint: Float[np.ndarray, " joint"], k: int
     ) -> tuple[Float[np.ndarray, " numbers"], Float[np.ndarray, "numbers joint"]]:
         """A view's numbers, and their derivative by all."""
-        places = _places(k)
+        places = np.array(AT.vector)
+        if k:
+            places[AT.own] = COUNT + (k - 1) * len(AT.own) + np.arange(len(AT.own))
         numbers, slope = joint[places], np.eye(len(joint))[places]
         numbers[AT.lens], turned = self.views[k].turn(numbers[AT.lens])
         slope[AT.lens] = turned @ slope[AT.lens]
@@ -268,38 +224,35 @@ class _System:
                 numbers, chain = self.view(joint, k)
                 both = linearized(numbers, np.asarray(view.size, float), *self._padded[k])
                 for value, slope, group in zip(*both, (view.direct, view.through), strict=True):
-                    count = len(group.pixels)
-                    found.append(
-                        (np.asarray(value)[:count], np.asarray(slope)[:count] @ chain[:, self.free] * self.scale)
-                    )
+                    n = len(group.pixels)
+                    found.append((np.asarray(value)[:n], np.asarray(slope)[:n] @ chain[:, self.free] * self.scale))
             self._kept = key, found
         return self._kept[1]
 
-    def rows(self, x: Float[np.ndarray, " free"], by: Sequence[Float[np.ndarray, " n"]]):
-        """The residual and its Jacobian: each corner's misses times its factor, then rows of what was known."""
-        values, slopes = [], []
-        for (value, slope), factor in zip(self.misses(x), by, strict=True):
-            values.append((value * factor[:, None]).reshape(-1))
-            slopes.append((slope * factor[:, None, None]).reshape(-1, len(x)))
-        mean, root = self.known
-        values.append(root @ (self.joint(x) - mean))
-        slopes.append(root[:, self.free] * self.scale)
-        return np.concatenate(values), np.concatenate(slopes)
+    def residual(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, " rows"]:
+        """The scaled misses of all corners, then those of what was known."""
+        rows = [(value * by[:, None]).reshape(-1) for (value, _), by in zip(self.misses(x), self.factors, strict=True)]
+        return np.concatenate([*rows, self.known.root @ (self.joint(x) - self.known.mean)])
 
-    def covariance(self, jacobian: Float[np.ndarray, "rows free"]) -> Float[np.ndarray, "joint joint"]:
+    def jacobian(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, "rows free"]:
+        """The derivative of the residual."""
+        slopes = zip(self.misses(x), self.factors, strict=True)
+        rows = [(slope * by[:, None, None]).reshape(-1, len(x)) for (_, slope), by in slopes]
+        return np.concatenate([*rows, self.known.root[:, self.free] * self.scale])
+
+    def covariance(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, "joint joint"]:
         """The covariance of all numbers; 0 of those that are held."""
-        covariance = np.zeros((len(self.start), len(self.start)))
+        jacobian, covariance = self.jacobian(x), np.zeros((len(self.start), len(self.start)))
         of_free = np.linalg.pinv(jacobian.T @ jacobian) * np.outer(self.scale, self.scale)
         covariance[np.ix_(self.free, self.free)] = of_free
         return covariance
 
 
-def _places(k: int) -> Int[np.ndarray, " numbers"]:
-    """Where the numbers of a view are among all."""
-    places = np.array(AT.vector)
-    if k:
-        places[AT.own] = COUNT + (k - 1) * len(AT.own) + np.arange(len(AT.own))
-    return places
+def _scale_of(view: PhotoView, known: Known) -> Setup:
+    """About how far each number of a view may move; a ball through which nothing is seen is held."""
+    scale, distance = Setup.of(known.scale), np.linalg.norm(view.setup.translation)
+    center = scale.center * (len(view.through.pixels) > 0)
+    return scale._replace(translation=distance * scale.translation, center=center)
 
 
 @jit

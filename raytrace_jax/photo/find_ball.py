@@ -31,7 +31,6 @@ class BallOptions:
         within: photograph and drawing are compared within this fraction of the outline's radius.
         least_alike: the least correlation of a photograph and a drawing of the same.
         surely_alike: the correlation from which on no other disc is tried.
-        max_starts: at most so many of the scan's places are refined.
     """
 
     widths: tuple[int, ...] = (56, 130)
@@ -39,7 +38,6 @@ class BallOptions:
     within: float = 0.85
     least_alike: float = 0.35
     surely_alike: float = 0.6
-    max_starts: int = 4
 
 
 def find_ball(
@@ -53,8 +51,6 @@ def find_ball(
     """The set-up with a ball: in the disc, and with the index, in which it looks best.
 
     Args:
-        photograph: what was taken.
-        board: what it shows.
         setup: the camera, and the ball's radius.
         blur: standard deviation of the camera's blur in pixels.
         discs: where its outline may be.
@@ -164,7 +160,7 @@ class _Trial:
         # Drawings look alike at several indices: the scan keeps the best places of several valleys.
         starts: list[np.ndarray] = []
         for k in np.argsort(-alike)[: np.sum(alike > alike.max() - 0.2)]:
-            if len(starts) < self.options.max_starts and all(abs(scan[k][0] - one[0]) > 0.06 for one in starts):
+            if len(starts) < 4 and all(abs(scan[k][0] - one[0]) > 0.06 for one in starts):
                 starts.append(scan[k])
 
         # Each valley is searched to its bottom, and the likest drawing tells the index.

@@ -1,5 +1,6 @@
-"""A photograph's camera, from the corners of its board that are seen directly."""
+"""A photograph's camera, from the corners of its board that are seen directly, and the lens that several tell."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -9,12 +10,13 @@ from jaxtyping import Bool, Float, UInt8
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import AlignmentOptions, align, best_blur
 from raytrace_jax.photo.boards import LEAST_CORNERS, CharucoBoard, opencv
-from raytrace_jax.photo.bundle import AdjustmentOptions, Corners, PhotoView, adjust, known_before, step_scales
+from raytrace_jax.photo.bundle import AdjustmentOptions, PhotoView, adjust, known_before
 from raytrace_jax.photo.geometry import AT, Setup
-from raytrace_jax.photo.lens import LensPrior
-from raytrace_jax.photo.markers import Markers
-from raytrace_jax.photo.photograph import Photograph
+from raytrace_jax.photo.lens import LensPrior, Turn, uncalibrated
+from raytrace_jax.photo.markers import Markers, find_markers
+from raytrace_jax.photo.photograph import Corners, Photograph
 from raytrace_jax.photo.sight import Sight
+from raytrace_jax.util.digits import with_error
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,6 @@ class CameraOptions:
 
     Args:
         angles: angles of view in degrees; the best one is the start where none is known.
-        largest_spread: a corner that its patch places worse than to so many pixels does not count.
         largest_scatter: corners may scatter by this fraction of the picture's width, seen directly or through the
             glass: half a pixel of 1600. In the rooms of `experiments/photograph` they scatter by 0.04 pixels, from a
             wrong start by more than one.
@@ -31,7 +32,6 @@ class CameraOptions:
     """
 
     angles: tuple[float, ...] = (20.0, 30.0, 40.0, 55.0, 70.0)
-    largest_spread: float = 0.3
     largest_scatter: float = 3e-4
     alignment: AlignmentOptions = field(default_factory=AlignmentOptions)
     adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
@@ -67,11 +67,8 @@ def find_camera(
 ) -> FoundCamera:
     """The camera from what is seen directly: from markers, from refined corners, at last from patches.
 
-    Args:
-        photograph: what was taken.
-        board: what it shows.
-        markers: that were decoded in it.
-        lens: what is known of the camera.
+    Raises:
+        PictureError: too few corners of the board are seen, or they scatter too much.
     """
     # Markers are found without a start, but roughly: they choose among angles of view.
     size, direct = photograph.size, markers.direct
@@ -81,7 +78,7 @@ def find_camera(
     known = known_before(lens, (0.0, 0.0))
 
     def adjusted(setup: Setup, corners: Corners):
-        return adjust([_camera_alone(setup, size, corners, lens)], known, options.adjustment)
+        return adjust([PhotoView(setup, size, corners, Corners.none())], known, options.adjustment)
 
     found = [adjusted(_pose(corners, fov, lens, size), corners) for fov in guesses]
     setup = min(found, key=lambda one: one.cost).views[0].setup
@@ -99,9 +96,7 @@ def find_camera(
     expected, places = sight.where(corners.places), corners.places
     some = slice(None, None, max(1, len(places) // 40))
     blur = best_blur(photograph.light, board, places[some], expected[some], sight.directly, options.alignment)
-    patches = align(photograph.light, board, places, expected, sight.directly, blur, options=options.alignment)
-    is_placed = patches.good & (patches.spread < options.largest_spread)
-    corners = Corners(patches.pixels, places, patches.spread).where(is_placed)
+    corners = align(photograph.light, board, places, expected, sight.directly, blur, options=options.alignment)
     (done,) = adjusted(setup, corners).views
     largest = options.largest_scatter * size[0]
     if len(corners.pixels) < LEAST_CORNERS or done.sigma[0] > largest:
@@ -110,13 +105,7 @@ def find_camera(
             f"{done.sigma[0]:.2g} pixels; {LEAST_CORNERS} are wanted within {largest:.2g}: is {board.path} the "
             "board of this photograph, is it flat, and is the picture whole, as the camera took it?"
         )
-    return FoundCamera(_camera_alone(done.setup, size, corners, lens), done.covariance, blur, done.sigma[0])
-
-
-def _camera_alone(setup: Setup, size: tuple[int, int], corners: Corners, lens: LensPrior) -> PhotoView:
-    """A view without a ball."""
-    scale = step_scales(setup, (0.0, 0.0), lens)._replace(ior=0.0)
-    return PhotoView(setup, scale, size, corners, Corners.none())
+    return FoundCamera(PhotoView(done.setup, size, corners, Corners.none()), done.covariance, blur, done.sigma[0])
 
 
 def _pose(corners: Corners, fov: float, lens: LensPrior, size: tuple[int, int]) -> Setup:
@@ -141,10 +130,7 @@ def _square_sizes(sight: Sight, board: CharucoBoard) -> Float[np.ndarray, " corn
 def _refined(
     grey: UInt8[np.ndarray, "height width"], expected: Float[np.ndarray, "n 2"], sizes: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Refine corners that are expected in pixels, each in a window of its own size, and tell which were found.
-
-    `sizes` are the shorter sides of squares there, in pixels.
-    """
+    """Refine corners, each in a window by the size of its square in pixels, and tell which were found."""
     cv2 = opencv("a photograph of a board")
     height, width = grey.shape
     found = np.array(expected, np.float32)
@@ -163,3 +149,87 @@ def _refined(
     # A refined corner that has moved by more than 0.2 squares is another one.
     moved = np.linalg.norm(found - expected, axis=1)
     return found.astype(np.float64), good & (moved < np.maximum(0.2 * sizes, 1.0))
+
+
+class Calibrated(NamedTuple):
+    """What pictures of a board say of a lens.
+
+    Args:
+        lens: its numbers, with their covariance, of pictures as the sensor has them.
+        size: width and height of these.
+        each: the lens as each picture alone tells it, also as the sensor has it.
+        sigma: the scatter of corners, in pixels, of each picture.
+    """
+
+    lens: LensPrior
+    size: tuple[int, int]
+    each: tuple[LensPrior, ...]
+    sigma: tuple[float, ...]
+
+
+def calibrate(photographs: Sequence[Photograph], board: CharucoBoard) -> Calibrated:
+    """Find a lens from pictures of a board, each from another side, with the same camera and focus.
+
+    They are three at least, of one size on the sensor, tilted by 20 to 45 degrees in several directions; EXIF may say
+    of some that the camera was turned.
+
+    Raises:
+        PictureError: too few pictures, of several sizes, or too little of the board in one.
+    """
+    # Fewer than three do not tell what all have in common from what each has of its own.
+    if len(photographs) < 3:
+        raise PictureError(f"{len(photographs)} pictures are too few for a calibration: 3 are wanted.")
+    size = one_size(photographs)
+    # The camera may be turned, and its lens, which stays the same on the sensor, is turned with it.
+    lenses = [Turn(size, after=one.orientation).of(uncalibrated()) for one in photographs]
+    found = [
+        find_camera(one, board, find_markers(one, board), lens) for one, lens in zip(photographs, lenses, strict=True)
+    ]
+    joint = one_lens(photographs, found, lenses[0])
+    back = [Turn(size, before=one.orientation) for one in photographs]
+    each = tuple(turn.of(camera.lens) for turn, camera in zip(back, found, strict=True))
+    return Calibrated(back[0].of(joint[0].lens), size, each, tuple(camera.sigma for camera in joint))
+
+
+def one_size(photographs: Sequence[Photograph]) -> tuple[int, int]:
+    """The size that all photographs have on the sensor. Raises PictureError where they differ."""
+    size = photographs[0].size_on_sensor
+    for one in photographs:
+        if one.size_on_sensor != size:
+            width, height = one.size_on_sensor
+            raise PictureError(
+                f"{one.name} has {width} x {height} pixels on the sensor and {photographs[0].name} {size[0]} x "
+                f"{size[1]}: one camera, one zoom and one size are wanted; of a picture that was turned EXIF has to "
+                "say so, as cameras write it."
+            )
+    return size
+
+
+def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], lens: LensPrior) -> list[FoundCamera]:
+    """The cameras of photographs adjusted together; `lens` is what is known of it before, as the first one has it.
+
+    Where the pictures alone differ by more than their errors, for boards bend, the errors are made as much larger
+    (Birge's ratio, 1932).
+
+    Raises:
+        PictureError: the angle of view of one is not that of the others; the message names it.
+    """
+    first = photographs[0]
+    views = [camera.view._replace(turn=first.turn_to(one)) for camera, one in zip(found, photographs, strict=True)]
+    seen = adjust(views, known_before(lens, (0.0, 0.0))).views
+    apart = [camera.lens.mean - one.setup.lens for camera, one in zip(found, seen, strict=True)]
+    # One of another zoom moves what all say: the median of what each says stays.
+    shares = np.array([camera.lens.mean[0] / one.setup.fov for camera, one in zip(found, seen, strict=True)])
+    for photograph, camera, share in zip(photographs, found, shares / np.median(shares), strict=True):
+        fov, error = camera.lens.mean[0], np.sqrt(camera.lens.covariance[0, 0])
+        if abs(share - 1) > max(0.01, 8 * error / fov):
+            raise PictureError(
+                f"{photograph.name}: it tells an angle of view of {with_error(fov, error)} degrees, and others one of "
+                f"{fov / share:.4g}: one camera, one zoom and one focus are wanted."
+            )
+    squares = [float(off @ np.linalg.pinv(one.lens.covariance) @ off) for one, off in zip(found, apart, strict=True)]
+    birge = max(1.0, sum(squares) / (len(lens.mean) * max(len(found) - 1, 1)))
+    return [
+        FoundCamera(camera.view._replace(setup=one.setup), birge * one.covariance, camera.blur, one.sigma[0])
+        for camera, one in zip(found, seen, strict=True)
+    ]

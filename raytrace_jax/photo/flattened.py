@@ -20,23 +20,22 @@ class FlattenOptions:
 
     Args:
         rim: the board is seen directly beyond this fraction of the outline's radius.
-        width: about how many pixels wide the picture is in which the light on the board is looked at; more take longer
-            and tell the same.
         ball_width: about how many pixels wide the ball is in the fitted picture; so here.
         around: the fitted picture reaches this far, in radii of the outline; some board tells exposure and blur.
         disagrees: something lies between camera and board where picture and board differ by more than this fraction of
             paper in the mean of some pixels. Through the glass it is twice as much, for there it shows the room too.
         least_seen: the fewest pixels that tell something, of the ball and of paper alone.
-        saturated: a channel from here on is saturated.
     """
 
     rim: float = 1.04
-    width: int = 1000
     ball_width: int = 144
     around: float = 1.12
     disagrees: float = 0.12
     least_seen: int = 400
-    saturated: float = 0.995
+
+
+SATURATED = 0.995
+"""A channel from here on is saturated."""
 
 
 class Flattened(NamedTuple):
@@ -62,14 +61,7 @@ class Flattened(NamedTuple):
 def flatten(
     image: Float[np.ndarray, "3 height width"], located: Located, options: FlattenOptions = FlattenOptions()
 ) -> Flattened:
-    """Divide each pixel of a photograph by the light on the board where it looks, and say which pixels count.
-
-    Args:
-        image: the photograph, scene-linear.
-        located: its camera and ball.
-
-    Returns:
-        The part around the ball, divided, with the pixels that count.
+    """Divide each pixel of a scene-linear photograph around its ball by the light on the board where the pixel looks.
 
     Raises:
         PictureError: too little of the board is seen, directly or through the ball.
@@ -96,7 +88,7 @@ def flatten(
     off = np.abs(ndimage.gaussian_filter(off, 1.5))
     between = cast("np.ndarray", ndimage.binary_dilation((off > options.disagrees) & direct, iterations=3))
     between |= ndimage.binary_dilation((off > 2 * options.disagrees) & through, iterations=1)
-    counts = (direct | through) & ~between & ~(parts.max(axis=(0, 3)) >= options.saturated)
+    counts = (direct | through) & ~between & ~(parts.max(axis=(0, 3)) >= SATURATED)
     if np.sum(counts & through) < options.least_seen:
         raise PictureError(
             f"only {int(np.sum(counts & through))} pixels show the board through the ball, {options.least_seen} are "
@@ -108,22 +100,18 @@ def flatten(
 def find_light(
     image: Float[np.ndarray, "3 height width"], located: Located, options: FlattenOptions = FlattenOptions()
 ) -> LightField:
-    """The light on the board, from what is seen of it directly in the whole photograph.
-
-    Args:
-        image: the photograph, scene-linear.
-        located: its camera and ball.
+    """The light on the board, from what is seen of it directly in the whole photograph, scene-linear.
 
     Raises:
         PictureError: too few pixels show paper alone.
     """
-    grid = PixelGrid.of(located.size, max(1, round(located.size[0] / options.width)))
+    grid = PixelGrid.of(located.size, max(1, round(located.size[0] / 1000)))
     parts = grid.parts(image)
     seen, brightness, reach = look_at_board(located, grid)
     blurred = ndimage.gaussian_filter(np.nan_to_num(brightness).reshape(parts.shape[1:3]), located.blur / grid.binning)
     # Paper or ink alone is what shows nothing of the other, but for a fiftieth.
     alone = np.minimum(blurred, 1 - blurred).reshape(-1) < 0.02
-    is_dark_enough = (parts.max(axis=(0, 3)) < options.saturated).reshape(-1)
+    is_dark_enough = (parts.max(axis=(0, 3)) < SATURATED).reshape(-1)
     pure = alone & np.isfinite(brightness) & (reach > options.rim) & is_dark_enough
     if np.sum(pure & (brightness > 0.5)) < options.least_seen:
         raise PictureError("too few pixels show paper alone: photograph from nearer, or use larger squares.")
@@ -135,10 +123,6 @@ def look_at_board(located: Located, grid: PixelGrid):
     """Which place of the board pixels see, how bright it is there, and how far from the ball's middle they pass.
 
     The brightness is the mean over a pixel. It is NaN where a part of the pixel does not see the board.
-
-    Args:
-        located: camera, ball and board.
-        grid: the pixels.
     """
     sight, pixels = located.sight, grid.pixels
     reach = sight.through(pixels).reach

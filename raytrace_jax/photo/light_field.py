@@ -41,16 +41,9 @@ def fit_light_field(
     brightness: Float[np.ndarray, " pixels"],
     half: Float[np.ndarray, "2"],
 ) -> LightField:
-    """Fit the field to pixels that see paper or ink alone.
+    """Fit the field to the scene-linear light of pixels that see paper, a brightness of 1, or ink, 0, at places.
 
-    Args:
-        image: their scene-linear light.
-        place: of the board that they see.
-        brightness: of the board there, 1 is paper and 0 is ink.
-        half: half the board's width and height.
-
-    Returns:
-        The field; pixels in the shadow or behind the hand of somebody do not count in it.
+    Pixels in the shadow or behind the hand of somebody do not count in it.
     """
     paper, ink = brightness > 0.5, brightness <= 0.5
     terms = _terms(place / half)

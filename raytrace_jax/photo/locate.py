@@ -10,15 +10,13 @@ from jaxtyping import Float
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.bundle import Adjusted, Corners, Known, PhotoView, adjust, known_before, step_scales
-from raytrace_jax.photo.calibrate import one_lens, one_size
+from raytrace_jax.photo.bundle import Adjusted, AdjustedView, PhotoView, adjust, known_before
 from raytrace_jax.photo.find_ball import BallOptions, find_ball
-from raytrace_jax.photo.find_camera import CameraOptions, FoundCamera, find_camera
-from raytrace_jax.photo.geometry import AT, Setup
+from raytrace_jax.photo.find_camera import CameraOptions, FoundCamera, find_camera, one_lens, one_size
 from raytrace_jax.photo.lens import LensPrior
 from raytrace_jax.photo.markers import MarkerOptions, find_markers, markers_in
 from raytrace_jax.photo.outline import Disc, NoBall, OutlineOptions, find_discs
-from raytrace_jax.photo.photograph import Photograph
+from raytrace_jax.photo.photograph import Corners, Photograph
 from raytrace_jax.photo.sight import Sight
 
 
@@ -28,14 +26,13 @@ class LocateOptions:
 
     Args:
         markers, camera, outline, ball: of these stages.
-        least_square: the least pixels of a square's shorter side as it is seen through the glass; a patch of a smaller
-            one is a blur.
+        least_square: least pixels of a square's shorter side, seen through the glass; a patch of a smaller one is a
+            blur.
         least_through: the fewest corners through the glass; they err, and tell four numbers.
-        max_rounds: corners through the glass are looked for so often at most,
-        settled: or until no number of the ball moves by more than this fraction of its error.
-        more_scatter: corners through the glass may scatter so many times as much as those beside it, in a photograph
-            that was cut, whose middle is not where the lens looked, it is 3.5 times,
-        least_scatter: and in any case by this fraction of the picture's width.
+        max_rounds: corners through the glass are looked for so often at most.
+        more_scatter: corners through the glass may scatter so many times as much as those beside it. In a photograph
+            that was cut, whose middle is not where the lens looked, it is 3.5 times.
+        least_scatter: in any case they may scatter by this fraction of the picture's width.
     """
 
     markers: MarkerOptions = field(default_factory=MarkerOptions)
@@ -45,52 +42,28 @@ class LocateOptions:
     least_square: float = 4.0
     least_through: int = 8
     max_rounds: int = 12
-    settled: float = 0.2
     more_scatter: float = 3.0
     least_scatter: float = 1e-4
 
 
-class Located(NamedTuple):
-    """What the corners in a photograph say.
+@dataclass(frozen=True)
+class Located(AdjustedView):
+    """What the corners in a photograph say, with the covariance from all photographs that were adjusted together.
 
     Args:
         board: what it shows.
         size: width and height of the photograph.
-        setup: camera and ball.
-        covariance: of their numbers, raveled, from all photographs that were adjusted together.
-        sigma: standard deviations of corners that are seen directly, and through the glass, in pixels.
-        direct, through: the corners that count.
         blur: standard deviation of the camera's blur, in pixels.
     """
 
     board: CharucoBoard
     size: tuple[int, int]
-    setup: Setup
-    covariance: Float[np.ndarray, "numbers numbers"]
-    sigma: tuple[float, float]
-    direct: Corners
-    through: Corners
     blur: float
 
     @property
     def sight(self) -> Sight:
         """What the photograph's pixels see."""
         return Sight(self.setup, self.size)
-
-    @property
-    def errors(self) -> Setup:
-        """The standard deviation of each number."""
-        return Setup.of(np.sqrt(np.diagonal(self.covariance)))
-
-    @property
-    def lens(self) -> LensPrior:
-        """The camera's lens."""
-        return LensPrior(self.setup.lens, self.covariance[np.ix_(AT.lens, AT.lens)])
-
-    @property
-    def ior(self) -> tuple[float, float]:
-        """The ball's index over the air's, and its standard deviation."""
-        return float(self.setup.ior), float(self.errors.ior)
 
 
 @dataclass
@@ -120,13 +93,13 @@ class NotLocated(PictureError):
 
 
 class Together(NamedTuple):
-    """What photographs of one ball say together. They are told by their places in the list.
+    """What photographs of one ball say together, each by its place in the list.
 
     Args:
-        located: of each that shows the ball, with the numbers and the covariance that follow from all.
+        located: those that show the ball, with the numbers and the covariance that follow from all.
         alone: the index of each, and its standard deviation, with the lens of all and the corners of this one alone.
-        bare: those in which no ball is found, which tell of the lens, with the reason.
-        refused: those that are left out, with the reason.
+        bare: why no ball is found in those that only tell of the lens.
+        refused: why the others are left out.
         adjusted: the numbers of all in `located`, then of those in `bare`, with their covariance; None without a ball.
     """
 
@@ -206,9 +179,7 @@ def locate_together(
     for k, camera in cameras.items():
         known_lens = first.turn_to(photographs[k]).of(shared)
         try:
-            start = _first_view(photographs[k], board, camera, radius, known_lens, ball, taken[k], options)
-            known = known_before(known_lens, radius)
-            views[k], alone[k] = _measured(photographs[k], board, start, known, camera.blur, taken[k], options)
+            views[k], alone[k] = _measured(photographs[k], board, camera, radius, known_lens, ball, taken[k], options)
         except PictureError as reason:
             left_out = bare if several and isinstance(reason, NoBall) else refused
             left_out[k] = _not_located(reason, photographs[k], board, taken[k])
@@ -222,20 +193,10 @@ def locate_together(
         turned = [view._replace(turn=leading.turn_to(photographs[k])) for k, view in chosen.items()]
         joint = adjust(turned, known_before(first.turn_to(leading).of(lens), radius), options.camera.adjustment)
     located = {
-        k: Located(
-            board,
-            photographs[k].size,
-            seen.setup,
-            seen.covariance,
-            seen.sigma,
-            view.direct.where(seen.used[0]),
-            view.through.where(seen.used[1]),
-            cameras[k].blur,
-        )
-        for (k, view), seen in zip(views.items(), joint.views, strict=False)
+        k: Located(**vars(seen), board=board, size=photographs[k].size, blur=cameras[k].blur)
+        for k, seen in zip(views, joint.views, strict=False)
     }
-    indices = {k: (float(one.views[0].setup.ior), float(one.views[0].errors.ior)) for k, one in alone.items()}
-    return Together(located, indices, bare, refused, joint)
+    return Together(located, {k: one.views[0].ior for k, one in alone.items()}, bare, refused, joint)
 
 
 def _not_located(reason: PictureError, photograph: Photograph, board: CharucoBoard, taken: Diagnostics) -> NotLocated:
@@ -252,7 +213,7 @@ def _not_located(reason: PictureError, photograph: Photograph, board: CharucoBoa
     return refusal
 
 
-def _first_view(
+def _measured(
     photograph: Photograph,
     board: CharucoBoard,
     camera: FoundCamera,
@@ -261,33 +222,22 @@ def _first_view(
     ball: Disc | None,
     taken: Diagnostics,
     options: LocateOptions,
-) -> PhotoView:
-    """A photograph with a first place and index of its ball; what is found on the way is written into `taken`."""
+) -> tuple[PhotoView, Adjusted]:
+    """A photograph's corners, and what they say; what is found on the way is written into `taken`."""
+    # The ball is where the board is hidden.
     taken.direct, taken.blur = camera.view.direct, camera.blur
     setup = camera.view.setup._replace(radius=radius[0])
     taken.discs = [ball] if ball else find_discs(photograph, board, setup, camera.blur, options.outline)
     setup = find_ball(photograph, board, setup, camera.blur, taken.discs, options.ball)
     taken.discs = [Disc(*Sight(setup, photograph.size).outline)]
-    return camera.view._replace(setup=setup, scale=step_scales(setup, radius, lens))
 
-
-def _measured(
-    photograph: Photograph,
-    board: CharucoBoard,
-    view: PhotoView,
-    known: Known,
-    blur: float,
-    taken: Diagnostics,
-    options: LocateOptions,
-) -> tuple[PhotoView, Adjusted]:
-    """A photograph's corners through the glass, and what all corners say; these are written into `taken`.
-
-    Camera and ball are adjusted together to the corners seen directly and through the glass. A better ball says better
-    where these are, so that each round finds more of them.
-    """
-    found = None
+    # Camera and ball are adjusted together to the corners seen directly and through the glass. A better ball says
+    # better where these are, so that each round finds more of them.
+    view = camera.view._replace(setup=setup)
+    known, found = known_before(lens, radius), None
     for _ in range(options.max_rounds):
-        taken.through = _corners_through(photograph, board, Sight(view.setup, photograph.size), blur, options)
+        sight = Sight(view.setup, photograph.size)
+        taken.through = _corners_through(photograph, board, sight, camera.blur, options)
         if len(taken.through.pixels) < options.least_through:
             raise PictureError(
                 f"{photograph.name}: {len(taken.through.pixels)} corners of the board are found through the ball, and "
@@ -298,7 +248,7 @@ def _measured(
         (seen,) = found.views
         moved = np.abs(seen.setup.ball - view.setup.ball)
         view = view._replace(setup=seen.setup, through=taken.through)
-        if np.all(moved <= options.settled * seen.errors.ball):
+        if np.all(moved <= 0.2 * seen.errors.ball):
             break
     assert found is not None, "there is a round"
     taken.discs = [disc := Disc(*Sight(view.setup, photograph.size).outline)]
@@ -333,6 +283,4 @@ def _corners_through(
     expected, stretch, visible = sight.where_through(board.places, board.half)
     chosen = visible & (stretch * board.square > options.least_square)
     places, patches = board.places[chosen], options.camera.alignment
-    found = align(photograph.light, board, places, expected[chosen], see, blur, rounds=1, options=patches)
-    corners = Corners(found.pixels, places, found.spread)
-    return corners.where(found.good & (found.spread < options.camera.largest_spread))
+    return align(photograph.light, board, places, expected[chosen], see, blur, rounds=1, options=patches)

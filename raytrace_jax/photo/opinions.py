@@ -15,7 +15,6 @@ from raytrace_jax.photo.room_scene import GLASS, UNCERTAIN, RoomScene
 AGREE = 3.0
 """Corners and light may differ by so many of their errors."""
 
-
 NAMES = (
     *("turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z"),
     *("fov", "k1", "k2", "principal_point.x", "principal_point.y"),
@@ -50,10 +49,8 @@ def told_together(together: Together, names: Sequence[str]) -> dict[str, object]
         return told(together.located[0]) | made_of
     order = [names[k] for k in (*together.located, *together.bare)]
     first, own = next(iter(together.located.values())), [NAMES[k] for k in AT.own]
-    photographs: dict[str, dict[str, object]] = {
-        names[k]: told(one) | {"alone": dict(zip(("value", "error"), together.alone[k], strict=True))}
-        for k, one in together.located.items()
-    }
+    alone = {k: dict(zip(("value", "error"), index, strict=True)) for k, index in together.alone.items()}
+    photographs = {names[k]: told(one) | {"alone": alone[k]} for k, one in together.located.items()}
     photographs |= {names[k]: {"no_ball": str(reason)} for k, reason in together.bare.items()}
     photographs |= {names[k]: {"refused": str(reason)} for k, reason in together.refused.items()}
     return {
@@ -97,11 +94,6 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
     `K = C H^T (H C H^T + N)^-1` (Kalman 1960): that of one least-squares problem whose rows are corners and pixels,
     but for what pixels tell of the camera beyond index and centre. Where these differ by more than chance makes likely,
     N is as much larger.
-
-    Args:
-        located: what the corners say.
-        room: the scene that was fitted.
-        result: the fit.
     """
     rows = [result.names.index(name) for name in GLASS]
     by_name = {one.name: one.sensitivity[rows] for one in result.check.assumptions}
@@ -123,7 +115,7 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
 
 def contradictions(adjusted: Adjusted) -> tuple[Contradiction, ...]:
     """What was known before of lens and radius, and comes out otherwise."""
-    mean, root = adjusted.known
+    mean, root, _ = adjusted.known
     known = np.flatnonzero(root.any(axis=0))
     before = np.sqrt(np.diagonal(np.linalg.inv(root[:, known].T @ root[:, known])))
     after = np.sqrt(np.diagonal(adjusted.covariance))

@@ -25,7 +25,6 @@ class OutlineOptions:
     """Options of the search for discs.
 
     Args:
-        width: about how many pixels wide the picture is in which discs are looked for.
         differs: a pixel shows something else than the board where its brightness is off by more than this fraction of
             paper's.
         hidden: where so many of the pixels around differ, all is hidden: in a ball about half do.
@@ -33,17 +32,14 @@ class OutlineOptions:
         nearest: the ball's centre is this fraction of the board's distance away from the camera, or more.
         least_radius: in pixels of the reduced picture; nothing is seen through a smaller disc.
         least_score: the inside of a disc is hidden by so much more than half of what is around it.
-        max_candidates: at most so many discs are returned.
     """
 
-    width: int = 480
     differs: float = 0.3
     hidden: float = 0.35
     darkest: float = 0.4
     nearest: float = 0.5
     least_radius: float = 9.0
     least_score: float = 0.4
-    max_candidates: int = 6
 
 
 class NoBall(PictureError):
@@ -75,8 +71,6 @@ def find_discs(
     """Discs of the photograph that hide the board and are as large as the ball may be, the most distinct one first.
 
     Args:
-        photograph: what was taken.
-        board: what it shows.
         setup: the camera, and the ball's radius.
         blur: standard deviation of the camera's blur in pixels.
 
@@ -84,7 +78,7 @@ def find_discs(
         PictureError: there is no disc, or a ball is too small in such a photograph.
     """
     name, size = photograph.name, photograph.size
-    sight, grid = Sight(setup, size), PixelGrid.of(size, max(1, round(size[0] / options.width)))
+    sight, grid = Sight(setup, size), PixelGrid.of(size, max(1, round(size[0] / 480)))
     differs, known, square = _differs(photograph.light, board, sight, blur, grid, options)
     hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / options.hidden, 1)
 
@@ -106,9 +100,9 @@ def find_discs(
     scores = _scores(hidden * known, known, circles)
 
     # The best one of each place is fitted to the ragged outline of what differs.
-    order, most = circles[np.argsort(-scores)][: np.sum(scores > options.least_score)], options.max_candidates
+    order = circles[np.argsort(-scores)][: np.sum(scores > options.least_score)]
     sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / options.hidden, 1)
-    discs = _distinct([_fitted(one, sharp, known) for one in _distinct(order, 0.3, most)], 0.1, most)
+    discs = _distinct((_fitted(one, sharp, known) for one in _distinct(order, 0.3)), 0.1)
     if not discs:
         raise NoBall(
             f"{name}: there is no ball before the board: nothing hides it in a disc of a radius of "
@@ -132,15 +126,15 @@ def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"], nearest: float):
     ]
 
 
-def _distinct(circles: Iterable[Float[np.ndarray, "3"]], apart: float, most: int) -> list[Float[np.ndarray, "3"]]:
-    """The first of circles, of which no two have middles and radii nearer to each other than that share of a radius."""
+def _distinct(circles: Iterable[Float[np.ndarray, "3"]], apart: float) -> list[Float[np.ndarray, "3"]]:
+    """The first six circles, of which no two have middles and radii nearer to each other than so much of a radius."""
     kept: list[np.ndarray] = []
     for circle in circles:
         is_new = all(
             np.hypot(*(circle[:2] - one[:2])) > apart * one[2] or abs(np.log(circle[2] / one[2])) > apart
             for one in kept
         )
-        if is_new and len(kept) < most:
+        if is_new and len(kept) < 6:
             kept.append(circle)
     return kept
 

@@ -1,9 +1,9 @@
-"""A photograph as it is measured, and larger pixels of it: means of some of its own, in a part of it."""
+"""A photograph as it is measured, corners in it, and larger pixels: means of some of its own, in a part of it."""
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from raytrace_jax.photo.lens import Turn
 
@@ -40,6 +40,29 @@ class Photograph(NamedTuple):
     def turn_to(self, other: "Photograph") -> Turn:
         """How the lens of another photograph by this camera, of the same size on the sensor, follows from this."""
         return Turn(self.size_on_sensor, self.orientation, other.orientation)
+
+
+class Corners(NamedTuple):
+    """Corners in a photograph.
+
+    Args:
+        pixels: where they are seen.
+        places: where they lie on the board.
+        spread: the standard deviation of each, of its worse direction, in pixels.
+    """
+
+    pixels: Float[np.ndarray, "n 2"]
+    places: Float[np.ndarray, "n 2"]
+    spread: Float[np.ndarray, " n"]
+
+    @classmethod
+    def none(cls) -> "Corners":
+        """No corners."""
+        return cls(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+
+    def where(self, chosen: Bool[np.ndarray, " n"]) -> "Corners":
+        """The chosen corners."""
+        return Corners(self.pixels[chosen], self.places[chosen], self.spread[chosen])
 
 
 def photograph_of(image: Float[np.ndarray, "3 height width"], name: str, orientation: int = 1) -> Photograph:

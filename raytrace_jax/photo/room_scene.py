@@ -27,7 +27,6 @@ UNCERTAIN = (
 )
 """Parameters that corners and ruler have told; their errors and the correlations of these are known."""
 
-
 GLASS = ("ball.ior", *(f"ball.center.{axis}" for axis in "xyz"))
 """What corners and light both tell."""
 
@@ -65,15 +64,7 @@ def light_options(room: RoomScene) -> FitOptions:
 
 
 def room_scene(located: Located, flat: Flattened) -> RoomScene:
-    """The scene of a flattened photograph, in the board's frame and unit of length.
-
-    Args:
-        located: camera and ball.
-        flat: the photograph without the light of its room.
-
-    Returns:
-        The scene, and how well the numbers are known that a fit leaves as they are.
-    """
+    """The scene of a flattened photograph, in the board's frame and unit of length."""
     board, grid, setup = located.board, flat.grid, located.setup
     vector = jnp.asarray(setup.vector)
     eye = {name: np.asarray(x) for name, x in _eye(Setup.of(vector), located.size, grid).items()}

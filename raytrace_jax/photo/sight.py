@@ -51,10 +51,6 @@ class Sight:
         """What each pixel sees through the ball."""
         return Seen(*self._in_parts(_through, pixels))
 
-    def slopes(self, pixels: PixelPlaces) -> Float[np.ndarray, "n 2 2"]:
-        """How the place that is seen through the ball moves with the pixel, "place pixel"."""
-        return self._in_parts(_slopes, pixels)[0]
-
     def where(self, places: Float[np.ndarray, "n 2"]) -> PixelPlaces:
         """The pixels in which places of the board are seen directly."""
         flat = np.concatenate([places, np.zeros_like(places[:, :1])], axis=1)
@@ -65,10 +61,7 @@ class Sight:
     ) -> tuple[PixelPlaces, Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """The pixels in which places of the board are seen through the ball, by Newton's method from a grid of rays.
 
-        Args:
-            places: on the board's plane.
-            half: half the board's width and height; beyond it nothing counts as seen.
-            reach: nothing counts either beyond this fraction of the outline's radius.
+        Nothing counts as seen beyond half the board's width and height, and beyond `reach` outline radii.
 
         Returns:
             The pixels, how large a step of one unit on the board is there at least, in pixels, and which places are
@@ -87,11 +80,12 @@ class Sight:
         pixels = grid[KDTree(np.where(counts[:, None], place, 1e9)).query(places)[1]]
         for _ in range(6):
             place, _ = see(pixels)
-            step = np.linalg.solve(self.slopes(pixels) + 1e-12 * np.eye(2), (places - place)[..., None])[..., 0]
+            (slopes,) = self._in_parts(_slopes, pixels)
+            step = np.linalg.solve(slopes + 1e-12 * np.eye(2), (places - place)[..., None])[..., 0]
             length = np.linalg.norm(step, axis=1, keepdims=True)
             pixels = pixels + step * np.minimum(1, 0.1 * radius / np.maximum(length, 1e-12))
         place, counts = see(pixels)
-        stretch = 1 / np.maximum(np.linalg.svd(self.slopes(pixels), compute_uv=False)[:, 0], 1e-12)
+        stretch = 1 / np.maximum(np.linalg.svd(self._in_parts(_slopes, pixels)[0], compute_uv=False)[:, 0], 1e-12)
         return pixels, stretch, counts & (np.linalg.norm(place - places, axis=1) * stretch < 0.01)
 
     @property
@@ -99,15 +93,10 @@ class Sight:
         """Where the camera is."""
         return self._pinhole[:3]
 
-    @property
-    def principal_point(self) -> Float[np.ndarray, "2"]:
-        """The principal point, in pixels."""
-        return self._pinhole[3:5]
-
     def focal_at(self, center: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, " *any"]:
         """About how many pixels the radius of an outline has for a tangent of 1; off the middle it is drawn out."""
-        focal = self._pinhole[5]
-        return np.asarray(focal + np.sum((center - self.principal_point) ** 2, axis=-1) / focal)
+        principal_point, focal = self._pinhole[3:5], self._pinhole[5]
+        return np.asarray(focal + np.sum((center - principal_point) ** 2, axis=-1) / focal)
 
     @property
     def outline(self) -> tuple[Float[np.ndarray, "2"], float]:

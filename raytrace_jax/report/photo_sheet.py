@@ -11,11 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from raytrace_jax.inverse.assumptions import Contradiction
-from raytrace_jax.photo.bundle import Corners
 from raytrace_jax.photo.flattened import Flattened, FlattenOptions
 from raytrace_jax.photo.locate import Diagnostics, Located
 from raytrace_jax.photo.outline import Disc
-from raytrace_jax.photo.photograph import PixelGrid
+from raytrace_jax.photo.photograph import Corners, PixelGrid
 from raytrace_jax.report.fit_report.summary import estimate_line
 from raytrace_jax.report.panels import SIGNED, letter_panels, remove_ticks
 

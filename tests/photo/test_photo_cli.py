@@ -15,11 +15,12 @@ from test_png import png_bytes
 from raytrace_jax import PictureError
 from raytrace_jax.images.transfer import DECODERS
 from raytrace_jax.photo.board_pattern import Pattern
-from raytrace_jax.photo.bundle import Corners, Known
+from raytrace_jax.photo.bundle import Known
 from raytrace_jax.photo.geometry import AT, Setup
 from raytrace_jax.photo.lens import LensPrior, write_lens
 from raytrace_jax.photo.locate import Diagnostics, Located, NotLocated, Together
 from raytrace_jax.photo.outline import Disc
+from raytrace_jax.photo.photograph import Corners
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
 from raytrace_jax.report.photo_sheet import draw_refused
 
@@ -72,7 +73,7 @@ def test_bad_input_is_one_message_before_the_work(code, arguments, words, folder
     def never(*_, **__):
         raise AssertionError("work has begun")
 
-    for work in ("cli.actions.photo.locate_together", "cli.actions.photo.fit", "photo.calibrate.find_camera"):
+    for work in ("cli.actions.photo.locate_together", "cli.actions.photo.fit", "photo.find_camera.find_camera"):
         monkeypatch.setattr(f"raytrace_jax.{work}", never)
     before = sorted(folder.rglob("*"))
     # tyro takes the last of an option that is given twice.
@@ -111,7 +112,8 @@ def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, 
 def located_at(numbers, error):
     """What is located by no corners."""
     none = Corners.none()
-    return Located(None, (48, 32), Setup.of(numbers), error**2 * np.eye(16), (0.0, 0.0), none, none, 0.0)  # pyright: ignore
+    adjusted = Setup.of(numbers), error**2 * np.eye(16), (0.0, 0.0), none, none
+    return Located(*adjusted, None, (48, 32), 0.0)  # pyright: ignore
 
 
 def corners_say(monkeypatch, known):
@@ -139,7 +141,7 @@ def corners_say(monkeypatch, known):
 
 
 def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatch, capsys):
-    drawn = corners_say(monkeypatch, Known(np.zeros(16), np.zeros((0, 16))))
+    drawn = corners_say(monkeypatch, Known(np.zeros(16), np.zeros((0, 16)), np.zeros(16)))
     assert run(*BALL) == 0
     captured = capsys.readouterr()
     rows = [line.split("  ") for line in captured.out.splitlines()]
@@ -161,7 +163,7 @@ def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatc
 def test_what_was_stated_and_comes_out_otherwise_is_told_first(folder, monkeypatch, capsys):
     mean, root = np.full(16, 6.5), np.zeros((2, 16))
     mean[15], root[0, 6], root[1, 15] = 15.9, 50, 1 / 0.02  # The angle of view is 6.5, and the radius 15.5.
-    drawn = corners_say(monkeypatch, Known(mean, root))
+    drawn = corners_say(monkeypatch, Known(mean, root, np.zeros(16)))
     assert run(*BALL) == 3
     captured = capsys.readouterr()
     words = (

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from raytrace_jax import RaytraceError
-from raytrace_jax.images.exif import BACK, TURNS
+from raytrace_jax.images.exif import TURNS
 from raytrace_jax.photo.geometry import (
     LOST,
     Setup,
@@ -23,7 +23,7 @@ from raytrace_jax.photo.geometry import (
     rotation_matrix,
     see_through,
 )
-from raytrace_jax.photo.lens import LensPrior, read_lens, turned, uncalibrated, write_lens
+from raytrace_jax.photo.lens import LensPrior, Turn, read_lens, uncalibrated, write_lens
 from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.photograph import PixelGrid
 from raytrace_jax.photo.sight import Sight
@@ -313,27 +313,25 @@ def test_a_lens_is_turned_as_its_picture_is(orientation):
 
     stored = TURNS[orientation](np.stack([column, row], -1))
     height, width, _ = stored.shape
-    found = turned(LENS, orientation, size)
+    turn = Turn(size, after=orientation)
+    found = turn.of(LENS)
     pixels = np.stack(np.meshgrid(np.arange(float(width)), np.arange(float(height))), -1)
     of_turned = reach(found.mean, (width, height), pixels)
     np.testing.assert_allclose(of_turned, reach(LENS.mean, size, stored), rtol=1e-6)
 
     slope = np.stack(
-        [
-            (turned(LENS._replace(mean=LENS.mean + step), orientation, size).mean - found.mean) / 1e-6
-            for step in 1e-6 * np.eye(5)
-        ],
+        [(turn.of(LENS._replace(mean=LENS.mean + step)).mean - found.mean) / 1e-6 for step in 1e-6 * np.eye(5)],
         axis=1,
     )
     np.testing.assert_allclose(found.covariance, slope @ LENS.covariance @ slope.T, rtol=1e-4, atol=1e-12)
-    again = turned(found, BACK.get(orientation, orientation), (width, height))
+    again = Turn(size, before=orientation).of(found)
     np.testing.assert_allclose(again.mean, LENS.mean, rtol=1e-12)
     np.testing.assert_allclose(again.covariance, LENS.covariance, rtol=1e-12)
 
 
 @pytest.mark.parametrize("orientation", TURNS)
 def test_a_lens_of_which_nothing_is_known_stays_so_when_it_is_turned(orientation):
-    found = turned(uncalibrated(), orientation, (4, 3))
+    found = Turn((4, 3), after=orientation).of(uncalibrated())
     assert np.isinf(found.covariance[0, 0]) and not np.isnan(found.covariance).any()
     np.testing.assert_array_equal(found.mean, 0)
 

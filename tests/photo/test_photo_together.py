@@ -31,13 +31,12 @@ from raytrace_jax import PictureError, write_png
 from raytrace_jax.cli import main
 from raytrace_jax.images.exif import TURNS
 from raytrace_jax.photo.boards import read_board
-from raytrace_jax.photo.bundle import Corners, PhotoView, adjust, known_before, step_scales
-from raytrace_jax.photo.calibrate import calibrate
-from raytrace_jax.photo.find_camera import FoundCamera
+from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
+from raytrace_jax.photo.find_camera import FoundCamera, calibrate
 from raytrace_jax.photo.geometry import AT, Setup
-from raytrace_jax.photo.lens import LensPrior, Turn, turned
+from raytrace_jax.photo.lens import LensPrior, Turn
 from raytrace_jax.photo.opinions import budget, contradictions
-from raytrace_jax.photo.photograph import photograph_of
+from raytrace_jax.photo.photograph import Corners, photograph_of
 from raytrace_jax.photo.sight import Sight
 
 TRUE_LENS = np.array([35.0, -0.05, 0.01, 0.004, -0.003])
@@ -73,9 +72,10 @@ def view_of(place, turn=None, seed=0, noise=0.05):
         Corners(pixels + noise * random.normal(size=pixels.shape), places, np.full(len(places), noise))
         for pixels, places in groups
     )
-    scale = step_scales(setup, KNOWN_RADIUS, KNOWN_LENS)
-    start = Setup.of(setup.vector + 0.05 * scale.vector * random.normal(size=16))
-    return PhotoView(start, scale, size, direct, through, turn)
+    scale = np.array(KNOWN.scale)
+    scale[AT.translation] *= pose[5]
+    start = Setup.of(setup.vector + 0.05 * scale * random.normal(size=16))
+    return PhotoView(start, size, direct, through, turn)
 
 
 KNOWN = known_before(KNOWN_LENS, KNOWN_RADIUS)
@@ -116,8 +116,7 @@ def test_the_same_picture_twice_leaves_what_the_radius_does_and_the_budget_adds_
     # Four of the same picture are what the budget says of four.
     four = adjust([view] * 4, KNOWN)
     np.testing.assert_allclose(np.sqrt(four.covariance[AT.ior, AT.ior]), once.fourfold, rtol=0.02)
-    held = view._replace(scale=view.scale._replace(radius=0.0))
-    exact = budget(adjust([held], known_before(KNOWN_LENS, (RADIUS, 0.0))))
+    exact = budget(adjust([view], known_before(KNOWN_LENS, (RADIUS, 0.0))))
     assert exact.radius == 0 and exact.lens > 0
     assert exact.without_radius == pytest.approx(np.linalg.norm(exact[:3]), rel=1e-6)
     bad = once._replace(without_radius=9.0, without_lens=9.0)
@@ -177,16 +176,15 @@ def found_cameras(monkeypatch, lens_of):
     sides = iter((0.5, -0.5, 0.4, -0.3))
 
     def find(photograph, *_):
-        lens = turned(lens_of(photograph), photograph.orientation, photograph.size_on_sensor)
+        lens = Turn(photograph.size_on_sensor, after=photograph.orientation).of(lens_of(photograph))
         setup = setup_of([np.pi, next(sides), 0.3, 0, 0, 250], lens.mean, [0, 0, 0])
         corners = Corners(Sight(setup, photograph.size).where(places), places, np.full(len(places), 0.01))
-        scale = step_scales(setup, (0.0, 0.0), lens)._replace(ior=0.0)
         covariance = np.eye(16)
         covariance[np.ix_(AT.lens, AT.lens)] = lens.covariance
-        return FoundCamera(PhotoView(setup, scale, photograph.size, corners, Corners.none()), covariance, 0.5, 0.03)
+        return FoundCamera(PhotoView(setup, photograph.size, corners, Corners.none()), covariance, 0.5, 0.03)
 
-    monkeypatch.setattr("raytrace_jax.photo.calibrate.find_camera", find)
-    monkeypatch.setattr("raytrace_jax.photo.calibrate.find_markers", lambda *_: None)
+    monkeypatch.setattr("raytrace_jax.photo.find_camera.find_camera", find)
+    monkeypatch.setattr("raytrace_jax.photo.find_camera.find_markers", lambda *_: None)
 
 
 LENS = LensPrior(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))

@@ -23,9 +23,9 @@ from raytrace_jax.inverse.assumptions import Contradiction, looks_like
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.photo.boards import CharucoBoard, read_board
-from raytrace_jax.photo.calibrate import calibrate
+from raytrace_jax.photo.find_camera import calibrate
 from raytrace_jax.photo.flattened import Flattened, flatten
-from raytrace_jax.photo.lens import read_lens, turned, uncalibrated, write_lens
+from raytrace_jax.photo.lens import Turn, read_lens, uncalibrated, write_lens
 from raytrace_jax.photo.locate import Located, Together, locate_together
 from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, joined, told_together
 from raytrace_jax.photo.outline import Disc
@@ -293,7 +293,7 @@ def _locate(
     ball = Disc(np.array(command.ball[:2], float), float(command.ball[2])) if command.ball else None
     path, first = command.photos[0], photographs[0]
     if command.camera is not None:
-        lens = turned(read_lens(command.camera, first.size_on_sensor), first.orientation, first.size_on_sensor)
+        lens = Turn(first.size_on_sensor, after=first.orientation).of(read_lens(command.camera, first.size_on_sensor))
         return locate_together(photographs, board, radius, lens, ball)
     fov = angle_of_view(path) if is_photograph(path) else None
     if fov is not None:
