@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, UInt8
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import AlignmentOptions, align, best_blur
 from raytrace_jax.photo.boards import LEAST_CORNERS, CharucoBoard, opencv
-from raytrace_jax.photo.bundle import AdjustmentOptions, PhotoView, adjust, known_before
-from raytrace_jax.photo.geometry import AT, Setup
+from raytrace_jax.photo.bundle import AdjustedView, AdjustmentOptions, PhotoView, adjust, known_before
+from raytrace_jax.photo.geometry import Setup
 from raytrace_jax.photo.lens import LensPrior, Turn, uncalibrated
 from raytrace_jax.photo.markers import Markers, find_markers
 from raytrace_jax.photo.photograph import Corners, Photograph
@@ -37,25 +37,17 @@ class CameraOptions:
     adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
 
 
-class FoundCamera(NamedTuple):
-    """A camera, from what is seen directly of a board.
+@dataclass(frozen=True)
+class FoundCamera(AdjustedView):
+    """A camera, from what is seen directly of a board; the ball's numbers are held, for nothing is known of them.
 
     Args:
-        view: its corners, and the camera; the ball's numbers are held, for nothing is known of them.
-        covariance: of the set-up's numbers.
+        view: all its corners, also those that do not count.
         blur: standard deviation of the camera's blur, in pixels.
-        sigma: the scatter of corners, in pixels.
     """
 
     view: PhotoView
-    covariance: Float[np.ndarray, "numbers numbers"]
     blur: float
-    sigma: float
-
-    @property
-    def lens(self) -> LensPrior:
-        """The camera's lens, as this picture tells it."""
-        return LensPrior(self.view.setup.lens, self.covariance[np.ix_(AT.lens, AT.lens)])
 
 
 def find_camera(
@@ -105,7 +97,7 @@ def find_camera(
             f"{done.sigma[0]:.2g} pixels; {LEAST_CORNERS} are wanted within {largest:.2g}: is {board.path} the "
             "board of this photograph, is it flat, and is the picture whole, as the camera took it?"
         )
-    return FoundCamera(PhotoView(done.setup, size, corners, Corners.none()), done.covariance, blur, done.sigma[0])
+    return FoundCamera(**vars(done), view=PhotoView(done.setup, size, corners, Corners.none()), blur=blur)
 
 
 def _pose(corners: Corners, fov: float, lens: LensPrior, size: tuple[int, int]) -> Setup:
@@ -188,7 +180,7 @@ def calibrate(photographs: Sequence[Photograph], board: CharucoBoard) -> Calibra
     joint = one_lens(photographs, found, lenses[0])
     back = [Turn(size, before=one.orientation) for one in photographs]
     each = tuple(turn.of(camera.lens) for turn, camera in zip(back, found, strict=True))
-    return Calibrated(back[0].of(joint[0].lens), size, each, tuple(camera.sigma for camera in joint))
+    return Calibrated(back[0].of(joint[0].lens), size, each, tuple(camera.sigma[0] for camera in joint))
 
 
 def one_size(photographs: Sequence[Photograph]) -> tuple[int, int]:
@@ -230,6 +222,9 @@ def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], le
     squares = [float(off @ np.linalg.pinv(one.lens.covariance) @ off) for one, off in zip(found, apart, strict=True)]
     birge = max(1.0, sum(squares) / (len(lens.mean) * max(len(found) - 1, 1)))
     return [
-        FoundCamera(camera.view._replace(setup=one.setup), birge * one.covariance, camera.blur, one.sigma[0])
+        FoundCamera(
+            **(vars(one) | {"covariance": birge * one.covariance, "blur": camera.blur}),
+            view=camera.view._replace(setup=one.setup),
+        )
         for camera, one in zip(found, seen, strict=True)
     ]

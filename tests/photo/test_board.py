@@ -232,11 +232,6 @@ def test_what_is_no_length_is_refused(read, text, words):
         read(text)
 
 
-@pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    return read_board(write_board(tmp_path_factory.mktemp("board")))
-
-
 def test_a_board_that_is_read_has_its_markers_and_corners_where_the_pattern_has_them(board):
     assert board.dictionary == PATTERN.dictionary and board.square == pytest.approx(PATTERN.square, rel=1e-3)
     np.testing.assert_allclose(board.half, [70, 50])

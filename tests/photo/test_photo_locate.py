@@ -15,7 +15,6 @@ from photographed_boards import (
     PATTERN,
     RADIUS,
     SIZE,
-    WIDE,
     WIDTH,
     charuco,
     drawn,
@@ -41,7 +40,6 @@ from raytrace_jax import (
 from raytrace_jax.cli import main
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.board_pattern import Pattern
-from raytrace_jax.photo.boards import read_board
 from raytrace_jax.photo.bundle import AdjustmentOptions
 from raytrace_jax.photo.find_ball import find_ball
 from raytrace_jax.photo.find_camera import calibrate
@@ -55,16 +53,6 @@ from raytrace_jax.photo.room_scene import FREE, UNCERTAIN, room_scene
 from raytrace_jax.photo.sight import Sight
 
 VIEWPOINT, CENTER = CAMERA["viewpoint"], (4.0, -3.0, 65.0)
-
-
-@pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    return read_board(write_board(tmp_path_factory.mktemp("board")))
-
-
-@pytest.fixture(scope="module")
-def wide_board(tmp_path_factory):
-    return read_board(write_board(tmp_path_factory.mktemp("wide"), WIDE))
 
 
 @pytest.fixture(scope="module")

@@ -30,7 +30,6 @@ from scipy import ndimage
 from raytrace_jax import PictureError, write_png
 from raytrace_jax.cli import main
 from raytrace_jax.images.exif import TURNS
-from raytrace_jax.photo.boards import read_board
 from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
 from raytrace_jax.photo.find_camera import FoundCamera, calibrate
 from raytrace_jax.photo.geometry import AT, Setup
@@ -165,11 +164,6 @@ def test_too_few_pictures_or_pictures_of_two_sizes_are_no_calibration(board):
         calibrate([picture, turned, picture], board)
 
 
-@pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    return read_board(write_board(tmp_path_factory.mktemp("board")))
-
-
 def found_cameras(monkeypatch, lens_of):
     """Cameras that see the board's plane from several sides in place of those that are found."""
     places = np.stack(np.meshgrid(np.arange(-60, 61, 15.0), np.arange(-45, 46, 15.0)), -1).reshape(-1, 2)
@@ -181,7 +175,8 @@ def found_cameras(monkeypatch, lens_of):
         corners = Corners(Sight(setup, photograph.size).where(places), places, np.full(len(places), 0.01))
         covariance = np.eye(16)
         covariance[np.ix_(AT.lens, AT.lens)] = lens.covariance
-        return FoundCamera(PhotoView(setup, photograph.size, corners, Corners.none()), covariance, 0.5, 0.03)
+        view = PhotoView(setup, photograph.size, corners, Corners.none())
+        return FoundCamera(setup, covariance, (0.03, 0.0), corners, Corners.none(), view, 0.5)
 
     monkeypatch.setattr("raytrace_jax.photo.find_camera.find_camera", find)
     monkeypatch.setattr("raytrace_jax.photo.find_camera.find_markers", lambda *_: None)
@@ -222,13 +217,13 @@ def photographed(board, setup, seed, ball=True):
 
 
 @pytest.mark.slow
-def test_a_folder_of_photographs_is_one_command(tmp_path, monkeypatch, capsys):
+def test_a_folder_of_photographs_is_one_command(wide_board, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    board = read_board(write_board(tmp_path, WIDE))
+    write_board(tmp_path, WIDE)
     Path("photos").mkdir()
     for k, (pose, center) in enumerate([*PLACES, ([np.pi + 0.3, 0.4, 0.2, 0.0, 0.0, 330.0], [0.0, 0.0, 60.0])]):
         far = [*pose[:5], 1.35 * pose[5]]
-        light = photographed(board, setup_of(far, TRUE_LENS, center), k, ball=k < 3)
+        light = photographed(wide_board, setup_of(far, TRUE_LENS, center), k, ball=k < 3)
         write_png(f"photos/{'abcd'[k]}.png", np.repeat(np.clip(light, 0, 1)[None], 3, axis=0), transfer="srgb")
     Image.fromarray(np.full((*SIZE[::-1], 3), 99, np.uint8)).save("photos/grey.png")
     lengths = ["--radius", "20+-0.002mm", "--ruler", "100+-0.01mm", "--transfer", "srgb"]
