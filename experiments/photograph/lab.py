@@ -22,12 +22,12 @@ jax.config.update("jax_enable_x64", True)
 from raytrace_jax import RenderSettings, enable_compile_cache, fit, read_picture  # noqa: E402
 from raytrace_jax.errors import RaytraceError  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
-from raytrace_jax.photo.calibrate import calibrate  # noqa: E402
-from raytrace_jax.photo.find_camera import photograph_of  # noqa: E402
+from raytrace_jax.photo.find_camera import calibrate  # noqa: E402
 from raytrace_jax.photo.flattened import flatten  # noqa: E402
 from raytrace_jax.photo.lens import read_lens, uncalibrated, write_lens  # noqa: E402
 from raytrace_jax.photo.locate import locate_together  # noqa: E402
 from raytrace_jax.photo.opinions import joined  # noqa: E402
+from raytrace_jax.photo.photograph import photograph_of  # noqa: E402
 from raytrace_jax.photo.room_scene import FREE, light_options, room_scene  # noqa: E402
 from raytrace_jax.util.digits import with_error  # noqa: E402
 
@@ -54,9 +54,9 @@ def run(number: int, case: str, folder: Path) -> dict:
     if not together.located:
         return {"refused": left_out[0]}
     located = next(iter(together.located.values()))
-    index, error = located.index
+    index, error = located.ior
     row = {"truth": truth["ior"], "index": index, "error": error, "scatter": located.sigma, "left_out": left_out}
-    row |= {"single": list(together.alone.values()), "fov": float(located.numbers[6] - truth["fov"])}
+    row |= {"single": list(together.alone.values()), "fov": float(located.setup.fov - truth["fov"])}
     row["corners"] = [len(located.direct.pixels), len(located.through.pixels)]
     if case == "fit":
         flat = flatten(images[0], located)

@@ -22,8 +22,8 @@ jax.config.update("jax_enable_x64", True)
 
 from raytrace_jax import enable_compile_cache, read_picture  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
-from raytrace_jax.photo.calibrate import calibrate  # noqa: E402
-from raytrace_jax.photo.find_camera import photograph_of  # noqa: E402
+from raytrace_jax.photo.find_camera import calibrate  # noqa: E402
+from raytrace_jax.photo.photograph import photograph_of  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "camera"))
 from chain import Chain, photograph  # noqa: E402

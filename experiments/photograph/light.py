@@ -10,6 +10,7 @@ true camera and mask in that room. FOLDER's `light.json` gets each row at once; 
 """
 
 import argparse
+import dataclasses
 import json
 import re
 import sys
@@ -31,11 +32,10 @@ from rooms import SIZE, WHITE, board_of, rendered, room  # noqa: E402
 from raytrace_jax import RenderSettings, enable_compile_cache, fit, read_picture  # noqa: E402
 from raytrace_jax.photo import flattened  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
-from raytrace_jax.photo.bundle import BALL  # noqa: E402
-from raytrace_jax.photo.cameras import COUNT  # noqa: E402
-from raytrace_jax.photo.find_camera import photograph_of  # noqa: E402
+from raytrace_jax.photo.geometry import AT  # noqa: E402
 from raytrace_jax.photo.locate import locate  # noqa: E402
 from raytrace_jax.photo.opinions import joined  # noqa: E402
+from raytrace_jax.photo.photograph import photograph_of  # noqa: E402
 from raytrace_jax.photo.room_scene import FREE, light_options, room_scene  # noqa: E402
 from raytrace_jax.util.digits import with_error  # noqa: E402
 
@@ -88,14 +88,17 @@ def truly(located, truth: dict):
     up, turn = np.cross(right, forward), np.radians(truth["roll"])
     right, up = np.cos(turn) * right + np.sin(turn) * up, np.cos(turn) * up - np.sin(turn) * right
     matrix = np.stack([right, -up, forward])
-    numbers, covariance = np.array(located.numbers), np.zeros_like(located.covariance)
-    numbers[:3] = Rotation.from_matrix(matrix).as_rotvec()
-    numbers[3:6] = -matrix @ eye / truth["print_scale"]
-    numbers[6:COUNT] = [truth["fov"], *truth["lens"]]
-    numbers[COUNT + 4] = truth["radius"] / truth["print_scale"]
-    glass = slice(BALL.start, BALL.start + 4)
-    covariance[glass, glass] = located.covariance[glass, glass]
-    return located._replace(numbers=numbers, covariance=covariance)
+    setup = located.setup._replace(
+        rotation=Rotation.from_matrix(matrix).as_rotvec(),
+        translation=-matrix @ eye / truth["print_scale"],
+        fov=truth["fov"],
+        distortion=np.array(truth["lens"][:2]),
+        principal_offset=np.array(truth["lens"][2:]),
+        radius=truth["radius"] / truth["print_scale"],
+    )
+    covariance, glass = np.zeros_like(located.covariance), np.ix_(AT.ball[:4], AT.ball[:4])
+    covariance[glass] = located.covariance[glass]
+    return dataclasses.replace(located, setup=setup, covariance=covariance)
 
 
 def run(number: int, case: str, folder: Path) -> dict:
@@ -106,27 +109,26 @@ def run(number: int, case: str, folder: Path) -> dict:
     radius = truth["radius"] * (1 + EXACT * np.random.default_rng(4000 + number).normal()) / truth["print_scale"]
     lens = lens_of(truth["camera"], SIZE, folder)
     located = locate(photograph_of(image, f"room {number}"), board, (radius, radius * EXACT * 2**0.5), lens)
-    by_corners = located.index
+    by_corners = located.ior
     made = pictures(truth, text, folder) if case in CASES[2:] else {}
     chain = Chain(**{**truth["chain"], "gains": tuple(truth["chain"]["gains"])})
     if case in ("camera", "all"):
         located = truly(located, truth)
     if case in ("veil", "all"):
         image = np.clip(noisy(exposure(WHITE * made["black"], chain), chain), 0, 1)
-    changed: dict = {"RIM": flattened.RIM}  # `mock.patch.multiple` wants one at least.
+    find_light = flattened.find_light
     if case == "field":
         # The vignetting is the pixel's, not that of where the board is seen directly.
-        like = flattened.find_light(image, located)
+        like = find_light(image, located)
         image = image / falloff(SIZE[::-1], chain.vignetting)
         white = made["field"] * np.reshape(chain.gains, (3, 1, 1))
         field = TrueField(white, located, like)
         middle = np.zeros((1, 2))
-        field.white = float((flattened.find_light(image, located).at(middle) / field.at(middle)).mean()) * white
-        changed["find_light"] = lambda *_: field
-    if case in ("mask", "all"):
-        changed["DISAGREES"] = np.inf
-    with mock.patch.multiple(flattened, **changed):
-        flat = flattened.flatten(image, located)
+        field.white = float((find_light(image, located).at(middle) / field.at(middle)).mean()) * white
+        find_light = lambda *_: field  # noqa: E731
+    how = flattened.FlattenOptions(disagrees=np.inf) if case in ("mask", "all") else flattened.FlattenOptions()
+    with mock.patch.object(flattened, "find_light", find_light):
+        flat = flattened.flatten(image, located, how)
     if case in ("mask", "all"):
         hides = flat.grid.parts(made["holder"]).max(axis=(0, 3)) > 0.01
         counts = flat.counts & ~np.asarray(ndimage.binary_dilation(hides, iterations=2), bool)

@@ -22,9 +22,10 @@ jax.config.update("jax_enable_x64", True)
 
 from raytrace_jax import enable_compile_cache  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
-from raytrace_jax.photo.bundle import OWN, TRUE_TO, Corners, _linearized, _padded  # noqa: E402
-from raytrace_jax.photo.cameras import COUNT  # noqa: E402
-from raytrace_jax.photo.locate import LEAST_SQUARE, REACH  # noqa: E402
+from raytrace_jax.photo.bundle import AdjustmentOptions, linearized, padded  # noqa: E402
+from raytrace_jax.photo.geometry import AT, COUNT, Setup  # noqa: E402
+from raytrace_jax.photo.locate import LocateOptions  # noqa: E402
+from raytrace_jax.photo.photograph import Corners  # noqa: E402
 from raytrace_jax.photo.sight import Sight  # noqa: E402
 
 SIZE, FOV = (1600, 1200), 38.6
@@ -38,11 +39,11 @@ SIDES = (-14.0, 3.0, 15.0)
 LENS_ERRORS = np.array([1.3e-3, 4.5e-4, 5e-3, 4e-5, 4e-5])
 """Of angle of view, k1, k2 and principal point, as a calibration from five pictures has them."""
 
-COMMON = np.setdiff1d(np.arange(COUNT + 5), OWN)
+OWN, COMMON = AT.own, np.setdiff1d(AT.vector, AT.own)
 
 
-def numbers_of(index: float, radius: float, factor: float, side: float, width: float) -> np.ndarray:
-    """A camera's and a ball's numbers; the ball is on the line from the camera to the board's middle, or nearly."""
+def setup_of(index: float, radius: float, factor: float, side: float, width: float) -> Setup:
+    """A camera and a ball; the ball is on the line from the camera to the board's middle, or nearly."""
     gap = factor * radius * index / (2 * (index - 1))
     distance = 0.56 * width / np.tan(np.radians(FOV) / 2) + 0.5 * gap
     aside, above = np.radians(side), np.radians(6.0)
@@ -51,26 +52,26 @@ def numbers_of(index: float, radius: float, factor: float, side: float, width: f
     right = np.cross(forward, [0, 1, 0])
     right /= np.linalg.norm(right)
     turn = np.stack([right, np.cross(forward, right), forward])
-    pose = np.concatenate([Rotation.from_matrix(turn).as_rotvec(), -turn @ eye])
-    return np.concatenate([pose, [FOV, 0, 0, 0, 0], [index, 0.05 * width, 0.0, gap, radius]])
+    rotation, center = Rotation.from_matrix(turn).as_rotvec(), np.array([0.05 * width, 0.0, gap])
+    return Setup(rotation, -turn @ eye, FOV, np.zeros(2), np.zeros(2), index, center, radius)
 
 
-def information(numbers: np.ndarray, board) -> tuple[np.ndarray, int]:
+def information(setup: Setup, board) -> tuple[np.ndarray, int]:
     """The precision of what is common that one photograph tells, whatever its own numbers are; places in the ball."""
-    sight = Sight(numbers, SIZE)
+    sight = Sight(setup, SIZE)
     center, radius = sight.outline
     pixels = sight.where(board.corners)
     beside = np.linalg.norm(pixels - center, axis=1) > 1.05 * radius
     beside &= np.all((pixels > 20) & (pixels < np.array(SIZE) - 20), axis=1)
 
-    at, stretch, visible = sight.where_through(board.places, REACH, np.full(2, np.inf))
-    visible &= stretch * board.square > LEAST_SQUARE
+    at, stretch, visible = sight.where_through(board.places, np.full(2, np.inf))
+    visible &= stretch * board.square > LocateOptions().least_square
     groups = [(pixels[beside], board.corners[beside]), (at[visible], board.places[visible])]
     corners = [Corners(*group, np.zeros(len(group[0]))) for group in groups]
-    _, slopes = _linearized(numbers, np.asarray(SIZE, float), *map(_padded, corners))
-    whole = np.zeros((len(numbers), len(numbers)))
+    _, slopes = linearized(setup.vector, np.asarray(SIZE, float), *map(padded, corners))
+    whole = np.zeros((COUNT, COUNT))
     for slope, group in zip(slopes, corners, strict=True):
-        rows = np.asarray(slope)[: len(group.pixels)].reshape(-1, len(numbers)) / TRUE_TO
+        rows = np.asarray(slope)[: len(group.pixels)].reshape(-1, COUNT) / AdjustmentOptions().corner_floor
         whole += rows.T @ rows
     own = np.linalg.solve(whole[np.ix_(OWN, OWN)], whole[np.ix_(OWN, COMMON)])
     return whole[np.ix_(COMMON, COMMON)] - whole[np.ix_(COMMON, OWN)] @ own, int(visible.sum())
@@ -91,7 +92,7 @@ def main():
     triples = list(itertools.combinations_with_replacement(PLACES, 3))
     told = {
         (index, place, side): information(
-            numbers_of(index, given.radius, PLACES[place], side, 2.1 * board.half[0]), board
+            setup_of(index, given.radius, PLACES[place], side, 2.1 * board.half[0]), board
         )
         for index in INDICES
         for place in PLACES

@@ -7,53 +7,47 @@ ball's rim move anything: a slope of the contrast looks like a shift.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter, minimum_filter
 
 from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.grids import RAYS, offsets
-
-BLURS = (0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0, 2.6)
-"""Standard deviations of the camera's blur in pixels that are tried; the best one is taken."""
+from raytrace_jax.photo.photograph import RAYS, Corners, offsets
 
 
-GOLDEN = 0.6180339887
-"""Its multiples, without their whole part, are spread evenly, however many they are."""
+@dataclass(frozen=True)
+class AlignmentOptions:
+    """Options of the alignment of patches.
+
+    Args:
+        blurs: standard deviations of the camera's blur in pixels that are tried; the best one is taken.
+        half: half a patch's side, in pixels.
+        within: only what is nearer to a patch's corner than this fraction of a square counts; the rest belongs to the
+            next one.
+        least_pixels: the fewest pixels that are compared.
+        least_contrast: the least contrast, as a fraction of the median patch's; dark glass or a highlight has less.
+        largest_spread: a corner that its patch places worse than to so many pixels does not count.
+        correlated: what a patch does not explain is alike in neighbouring pixels, so that corners scatter by so many
+            times the spread that independent pixels would tell: 1.5 to 2.2 times in rooms by POV-Ray, in the middle of
+            a ball as near its rim.
+    """
+
+    blurs: tuple[float, ...] = (0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0, 2.6)
+    half: int = 13
+    within: float = 0.45
+    least_pixels: int = 40
+    least_contrast: float = 0.15
+    largest_spread: float = 0.3
+    correlated: float = 2.0
 
 
-HALF, MARGIN = 13, 6
-"""Half a patch's side, and the pixels around it that its blur looks at."""
-
-WITHIN = 0.45
-"""Only what is nearer to a patch's corner than this share of a square counts; the rest belongs to the next one."""
-
-LEAST_PIXELS, LEAST_CONTRAST = 40, 0.15
-"""The fewest pixels that are compared, and the least contrast, as a share of the median patch's; dark glass or a
-highlight has less."""
-
-CORRELATED = 2.0
-"""What a patch does not explain is alike in neighbouring pixels, so that corners scatter by so many times the spread
-that independent pixels would tell: 1.5 to 2.2 times in rooms by POV-Ray, in the middle of a ball as near its rim."""
+MARGIN = 6
+"""The pixels around a patch that its blur looks at."""
 
 See = Callable[[Float[np.ndarray, "n 2"]], tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]]
 """The place of the board that each pixel sees, and whether it sees one that counts."""
-
-
-class Aligned(NamedTuple):
-    """Corners that were measured.
-
-    Args:
-        pixels: where they are.
-        spread: standard deviation of that, of its worse direction, in pixels, as the patch's residual tells.
-        good: whether the patch shows the corner.
-    """
-
-    pixels: Float[np.ndarray, "n 2"]
-    spread: Float[np.ndarray, " n"]
-    good: Bool[np.ndarray, " n"]
 
 
 def align(
@@ -64,38 +58,37 @@ def align(
     see: See,
     blur: float,
     rounds: int = 2,
-) -> Aligned:
+    options: AlignmentOptions = AlignmentOptions(),
+) -> Corners:
     """Shift each patch of the board until it lies on the photograph.
 
     Args:
         light: the photograph, scene-linear.
-        board: what it shows.
-        corners: places of the board.
-        expected: the pixels in which `see` has them.
+        corners, expected: places of the board, and the pixels in which `see` has them.
         see: where pixels look at present.
         blur: standard deviation of the camera's blur in pixels.
         rounds: how often patches are shifted and drawn anew.
 
     Returns:
-        The corners where their patches came to lie, and which of them count.
+        The corners that count, where their patches came to lie, with the scatter that the patches' residuals tell.
     """
-    box, fits = _boxes(light, expected)
+    box, fits = _boxes(light, expected, options.half)
     shift, spread, contrast = np.zeros_like(expected), np.full(len(expected), np.inf), np.zeros(len(expected))
     if not fits.any():
-        return Aligned(expected, spread, fits)
+        return Corners.none()
     where = np.flatnonzero(fits)
     seen = light[box[..., 1], box[..., 0]]
     for _ in range(rounds):
-        sharp, counts = _drawn(box - shift[where][:, None, None], board, corners[where], see)
+        sharp, counts = _drawn(box - shift[where][:, None, None], board, corners[where], see, options.within)
         for k, (picture, drawn, use) in enumerate(zip(seen, _blurred(sharp, blur), counts, strict=True)):
-            found = _shift(picture, drawn, use)
+            found = _shift(picture, drawn, use, options)
             if found is not None:
                 step, spread[where[k]], contrast[where[k]] = found
                 shift[where[k]] += np.clip(step, -2, 2)
     usual = np.median(contrast[contrast > 0]) if (contrast > 0).any() else np.inf
-    good = np.isfinite(spread) & (contrast > LEAST_CONTRAST * usual)
-    good &= np.max(np.abs(shift), axis=1) < HALF / 2
-    return Aligned(expected + shift, spread, good)
+    good = (spread < options.largest_spread) & (contrast > options.least_contrast * usual)
+    good &= np.max(np.abs(shift), axis=1) < options.half / 2
+    return Corners(expected + shift, corners, spread).where(good)
 
 
 def best_blur(
@@ -104,34 +97,27 @@ def best_blur(
     corners: Float[np.ndarray, "n 2"],
     expected: Float[np.ndarray, "n 2"],
     see: See,
+    options: AlignmentOptions = AlignmentOptions(),
 ) -> float:
-    """The blur with which patches lie on the photograph best, one of `BLURS`, in pixels.
-
-    Args:
-        light: the photograph, scene-linear.
-        board: what it shows.
-        corners: places of the board.
-        expected: the pixels in which `see` has them.
-        see: where pixels look at present.
-    """
-    box, fits = _boxes(light, expected)
+    """The blur of the options with which patches lie on the photograph best, in pixels; the rest is as for `align`."""
+    box, fits = _boxes(light, expected, options.half)
     if not fits.any():
-        return BLURS[len(BLURS) // 2]
+        return options.blurs[len(options.blurs) // 2]
     seen = light[box[..., 1], box[..., 0]]
-    sharp, counts = _drawn(box, board, corners[fits], see)
+    sharp, counts = _drawn(box, board, corners[fits], see, options.within)
 
     def misfit(blur: float) -> float:
         rows = zip(seen, _blurred(sharp, blur), counts, strict=True)
-        found = [one[1] for one in (_shift(*row) for row in rows) if one is not None]
+        found = [one[1] for one in (_shift(*row, options) for row in rows) if one is not None]
         return float(np.median(found)) if found else np.inf
 
-    return min(BLURS, key=misfit)
+    return min(options.blurs, key=misfit)
 
 
-def _boxes(light, expected):
+def _boxes(light, expected, half: int):
     """The pixels of patches around places, with a margin, "patch row column 2", and which places have room for one."""
     height, width = light.shape
-    reach = HALF + MARGIN
+    reach = half + MARGIN
     axis = np.arange(-reach, reach + 1)
     start = np.round(expected).astype(int)
     fits = ((start >= reach) & (start < np.array([width, height]) - reach)).all(axis=1)
@@ -143,7 +129,7 @@ def _blurred(patches, blur: float):
     return gaussian_filter(patches, blur, axes=(1, 2), mode="nearest", truncate=3.0)
 
 
-def _drawn(pixels, board: CharucoBoard, corners, see: See):
+def _drawn(pixels, board: CharucoBoard, corners, see: See, within: float):
     """The board's brightness in patches of pixels, and which of them show what is near their corner."""
     place, valid = see(pixels.reshape(-1, 2).astype(float))
     place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
@@ -153,9 +139,10 @@ def _drawn(pixels, board: CharucoBoard, corners, see: See):
     down, right = np.gradient(place, axis=(1, 2))
     (down_down, down_right), right_right = np.gradient(down, axis=(1, 2)), np.gradient(right, axis=2)
 
-    # Rays lie a little aside in each row and column, or an edge along the pixels would be drawn to a ninth of one.
+    # Rays lie a little aside in each row and column, or an edge along the pixels would be drawn to a ninth of one. The
+    # fractional parts of multiples of the golden ratio are spread evenly, however many they are.
     total, count, near = np.zeros(valid.shape), np.zeros(valid.shape), valid
-    aside = (np.moveaxis(np.indices(pixels.shape[1:3]), 0, -1) * GOLDEN % 1 - 0.5) / RAYS
+    aside = (np.moveaxis(np.indices(pixels.shape[1:3]), 0, -1) * 0.6180339887 % 1 - 0.5) / RAYS
     for off in offsets(1.0):
         x, y = np.moveaxis(off + aside, -1, 0)[..., None]
         here = place + x * (right + x / 2 * right_right + y * down_right) + y * (down + y / 2 * down_down)
@@ -163,19 +150,19 @@ def _drawn(pixels, board: CharucoBoard, corners, see: See):
         known = valid & np.isfinite(brightness)
         total += np.where(known, brightness, 0.0)
         count += known
-        near = near & known & np.all(np.abs(here - corners[:, None, None]) < WITHIN * board.square, axis=-1)
+        near = near & known & np.all(np.abs(here - corners[:, None, None]) < within * board.square, axis=-1)
     drawn = total / np.maximum(count, 1)
     edge = MARGIN
     near[:, :edge], near[:, -edge:], near[:, :, :edge], near[:, :, -edge:] = False, False, False, False
     return drawn, near
 
 
-def _shift(picture, drawn, use) -> tuple[Float[np.ndarray, "2"], float, float] | None:
+def _shift(picture, drawn, use, options: AlignmentOptions) -> tuple[Float[np.ndarray, "2"], float, float] | None:
     """The step by which a drawn patch has to move, its standard deviation, and the patch's contrast."""
-    if np.sum(use) < LEAST_PIXELS:
+    if np.sum(use) < options.least_pixels:
         return None
     down, right = np.gradient(drawn)
-    row, column = (place[use] / HALF - 1 for place in np.indices(drawn.shape))
+    row, column = (place[use] / options.half - 1 for place in np.indices(drawn.shape))
     b = drawn[use]
     columns = np.stack([np.ones_like(b), b, right[use], down[use], column, row, column * b, row * b], axis=1)
     normal = columns.T @ columns
@@ -188,4 +175,4 @@ def _shift(picture, drawn, use) -> tuple[Float[np.ndarray, "2"], float, float] |
         return None
     rest = values - columns @ found
     variance = rest @ rest / max(len(values) - len(found), 1) * np.linalg.inv(normal)[2:4, 2:4] / contrast**2
-    return -found[2:4] / contrast, CORRELATED * float(np.sqrt(np.max(np.diagonal(variance)))), float(contrast)
+    return -found[2:4] / contrast, options.correlated * float(np.sqrt(np.max(np.diagonal(variance)))), float(contrast)

@@ -1,25 +1,24 @@
-"""A calibration board as a scene's file describes it: where its markers and corners are."""
+"""A calibration board as a scene's file describes it: where its markers and corners are, as OpenCV finds them."""
 
+import importlib
 import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.photo.opencv import opencv
 from raytrace_jax.scene.reader import parse_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.util.files import read_bytes
+from raytrace_jax.util.text import install
 
 DICTIONARIES = tuple(f"DICT_{n}X{n}_{count}" for n in (5, 4, 6, 7) for count in (1000, 250, 100, 50))
 """Sets of markers that a board may be made of; of equal markers the largest set comes first."""
-
-READ = "DICT_4X4, DICT_5X5, DICT_6X6 and DICT_7X7 of 50 to 1000"
-"""These sets in words."""
 
 LEAST_MARKERS = 6
 """The fewest markers of a board; fewer say too little."""
@@ -27,10 +26,25 @@ LEAST_MARKERS = 6
 LEAST_CORNERS = 20
 """The fewest corners of a board, and of a photograph; a camera has up to nine free numbers."""
 
-STRETCHED = 0.05
-"""Markers may be wider than high by this share, by the pixels of a small texture."""
-
 HAS_CAMERA = re.compile(r"^[^#/]*\bcamera\b", re.MULTILINE)
+
+
+def opencv(purpose: str) -> ModuleType:
+    """The module cv2, which only the commands for photographs need; `purpose` begins the message where it is missing.
+
+    Raises:
+        RaytraceError: OpenCV is missing, cannot be loaded or is too old; with the command that installs it.
+    """
+    try:
+        cv2 = importlib.import_module("cv2")
+    except ModuleNotFoundError:
+        raise RaytraceError(f"{purpose} needs OpenCV: {install('photo')}") from None
+    except ImportError as cause:  # It is there, but a library of the system that it wants is not.
+        raise RaytraceError(f"{purpose} needs OpenCV, which cannot be loaded ({cause}): {install('photo')}") from None
+    if not hasattr(getattr(cv2, "aruco", None), "CharucoDetector"):
+        version = getattr(cv2, "__version__", "of no version")
+        raise RaytraceError(f"{purpose} needs OpenCV 4.10 or newer, and {version} is here: {install('photo')}")
+    return cv2
 
 
 @dataclass(frozen=True)
@@ -38,7 +52,7 @@ class CharucoBoard:
     """A board in its own plane: x to the right, y up, from its middle, in the scene's unit of length.
 
     Args:
-        path: the file that describes it, and the text that it has.
+        path: the file that describes it.
         dictionary: OpenCV's name of its set of markers.
         half: half its width and height.
         square: the side of a square.
@@ -49,7 +63,6 @@ class CharucoBoard:
     """
 
     path: Path
-    text: str
     dictionary: str
     half: Float[np.ndarray, "2"]
     square: float
@@ -75,13 +88,9 @@ class CharucoBoard:
 
 
 def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
-    """Read a board from the blocks of a scene: a rectangle with the picture of a ChArUco board, which is looked at.
+    """Read a board from the blocks of a scene, in whose picture OpenCV finds its markers.
 
-    Args:
-        path: a file as `raytrace-jax board` writes it, or of any picture of a board on a rectangle of its size.
-
-    Returns:
-        The board; its markers and corners are those that OpenCV finds in the picture.
+    They are those that `raytrace-jax board` writes, or any picture of a ChArUco board on a rectangle of its size.
 
     Raises:
         RaytraceError: the file cannot be read, has not one rectangle with a picture, or the picture shows no board, or
@@ -113,7 +122,8 @@ def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
     rows, columns = texture.shape
     markers = (found / [columns, rows] * 2 - 1) * [1, -1] * half
     wide, high = (float(np.median(np.linalg.norm(markers[:, 1] - markers[:, k], axis=-1))) for k in (0, 2))
-    if abs(wide / high - 1) > STRETCHED:
+    # Markers may be wider than high by a twentieth, by the pixels of a small texture.
+    if abs(wide / high - 1) > 0.05:
         raise RaytraceError(
             f"{path}: its markers would be {wide:.4g} wide and {high:.4g} high: the rectangle has other proportions "
             "than its picture."
@@ -129,7 +139,7 @@ def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
             f"{path}: the board is too small: {len(corners)} corners lie between the squares of its {len(ids)} "
             f"markers, and {LEAST_CORNERS} are wanted, as a board of 6 x 5 squares has."
         )
-    return CharucoBoard(path, text, name, half, square, ids, markers, corners, texture)
+    return CharucoBoard(path, name, half, square, ids, markers, corners, texture)
 
 
 def _scene_of(text: str, path: Path) -> Scene:
@@ -160,8 +170,9 @@ def _markers_in(
         other = max(counts, key=lambda name: counts[name])
         beside = f", and {counts[other]} of {other}, which is none of these" if counts[other] >= LEAST_MARKERS else ""
         raise RaytraceError(
-            f"{path}: its picture shows {len(best[1])} markers of the sets that are read, {READ}{beside}. A board has "
-            f"{LEAST_MARKERS} at least: make one with `raytrace-jax board`."
+            f"{path}: its picture shows {len(best[1])} markers of the sets that are read, DICT_4X4, DICT_5X5, "
+            f"DICT_6X6 and DICT_7X7 of 50 to 1000{beside}. A board has {LEAST_MARKERS} at least: make one with "
+            "`raytrace-jax board`."
         )
     return best
 

@@ -1,81 +1,51 @@
 """Least squares of a board's corners in photographs: cameras, ball and index together, and how sure all of them are."""
 
-import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
-from raytrace_jax.photo.cameras import COUNT, LENS, POSE, project
-from raytrace_jax.photo.lens import Turn
-from raytrace_jax.photo.through_glass import CENTER, misses
+from raytrace_jax.photo.geometry import AT, COUNT, Setup, misses, project
+from raytrace_jax.photo.lens import LensPrior, Turn
+from raytrace_jax.photo.photograph import Corners
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import TINY
-
-ROBUST = 2.5
-"""A corner that is off by more standard deviations counts less; in the last round none counts that is twice as far."""
-
-TRUE_TO = 0.015
-"""Corners are believed to so many pixels at best, beside their patch's own spread, for what moves one corner, a
-reflection or the shape of the blur, moves its neighbours too. In rooms by POV-Ray .01 to .02 do the same; with .03 good
-corners count for too little, and errors are too large."""
-
-ROUNDS = 6
-"""How often the weights follow the misses, with a least-squares search each time."""
-
-PADDED = 256
-"""Corners come in multiples of this, so that photographs share programs."""
-
-BALL = slice(COUNT, COUNT + 5)
-"""Places of the ball's numbers among those of a photograph; the camera's come first."""
-
-OWN = np.r_[POSE, COUNT + CENTER.start : COUNT + CENTER.stop]
-"""Places of the numbers that each photograph has of its own, its pose and the ball's middle; lens, index and radius are
-common."""
 
 Numbers = Float[Array, " numbers"]
 
 
-class Corners(NamedTuple):
-    """Corners in a photograph.
+@dataclass(frozen=True)
+class AdjustmentOptions:
+    """Options of the least squares.
 
     Args:
-        pixels: where they are seen.
-        places: where they lie on the board.
-        spread: the standard deviation of each that is known, in pixels.
+        robust: corners that are off by more standard deviations count less; in the last round none counts that is twice
+            as far off.
+        corner_floor: least standard deviation of a corner in pixels, beside its patch's own spread: what moves one
+            corner, a reflection or the shape of the blur, moves its neighbours too. In rooms by POV-Ray .01 to .02 do
+            the same; with .03 good corners count for too little, and errors are too large.
     """
 
-    pixels: Float[np.ndarray, "n 2"]
-    places: Float[np.ndarray, "n 2"]
-    spread: Float[np.ndarray, " n"]
-
-    @classmethod
-    def none(cls) -> "Corners":
-        """No corners."""
-        return cls(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
-
-    def where(self, chosen: Bool[np.ndarray, " n"]) -> "Corners":
-        """The chosen corners."""
-        return Corners(self.pixels[chosen], self.places[chosen], self.spread[chosen])
+    robust: float = 2.5
+    corner_floor: float = 0.015
 
 
 class PhotoView(NamedTuple):
     """A photograph in the adjustment.
 
     Args:
-        numbers: where to begin, the camera's and the ball's.
-        scale: about how far each number may move; 0 holds it.
+        setup: where to begin.
         size: width and height.
         direct, through: its corners.
         turn: how its lens follows from that of the first view, which may have been turned otherwise.
     """
 
-    numbers: Float[np.ndarray, " numbers"]
-    scale: Float[np.ndarray, " numbers"]
+    setup: Setup
     size: tuple[int, int]
     direct: Corners
     through: Corners
@@ -88,26 +58,64 @@ class Known(NamedTuple):
     Args:
         mean: of each number of the first view; of what is not known it means nothing.
         root: a square root of the precision matrix; no rows know nothing.
+        scale: about how far each number may move, the translation in distances of the board; 0 holds it.
     """
 
     mean: Float[np.ndarray, " numbers"]
     root: Float[np.ndarray, "rows numbers"]
+    scale: Float[np.ndarray, " numbers"]
 
 
-class Seen(NamedTuple):
+def known_before(lens: LensPrior, radius: tuple[float, float]) -> Known:
+    """What is known before: the lens, and the ball's radius with its standard deviation; (0, 0) if there is no ball.
+
+    What has no error is held.
+    """
+    mean, root = np.zeros(COUNT), np.zeros((len(AT.lens) + 1, COUNT))
+    mean[AT.lens], mean[AT.radius] = lens.mean, radius[0]
+    variance = np.diagonal(lens.covariance)
+    is_known = np.flatnonzero(np.isfinite(variance) & (variance > 0))
+    if len(is_known):
+        precision = np.linalg.inv(lens.covariance[np.ix_(is_known, is_known)])
+        root[np.ix_(np.arange(len(is_known)), AT.lens[is_known])] = np.linalg.cholesky(precision).T
+    if radius[1] > 0:
+        root[-1, AT.radius] = 1 / radius[1]
+    of_lens = np.array([1.0, 0.02, 0.02, 0.01, 0.01]) * (variance > 0)
+    scale = np.array([*[0.02] * 6, *of_lens, 0.05 * (radius[0] > 0), *[0.1 * radius[0]] * 3, radius[1]])
+    return Known(mean, root, scale)
+
+
+@dataclass(frozen=True)
+class AdjustedView:
     """What least squares found of one view.
 
     Args:
-        numbers: the estimate.
-        covariance: of the numbers, from all corners' scatter and what was known.
-        sigma: the standard deviation of a coordinate in pixels, of what is seen directly and of what through the glass.
-        used: which corners count.
+        setup: camera and ball.
+        covariance: of their numbers, raveled, from all corners' scatter and what was known.
+        sigma: standard deviations of corners that are seen directly, and through the glass, in pixels.
+        direct, through: the corners that count.
     """
 
-    numbers: Float[np.ndarray, " numbers"]
+    setup: Setup
     covariance: Float[np.ndarray, "numbers numbers"]
     sigma: tuple[float, float]
-    used: tuple[Bool[np.ndarray, " direct"], Bool[np.ndarray, " through"]]
+    direct: Corners
+    through: Corners
+
+    @property
+    def errors(self) -> Setup:
+        """The standard deviation of each number."""
+        return Setup.of(np.sqrt(np.diagonal(self.covariance)))
+
+    @property
+    def lens(self) -> LensPrior:
+        """The camera's lens."""
+        return LensPrior(self.setup.lens, self.covariance[np.ix_(AT.lens, AT.lens)])
+
+    @property
+    def ior(self) -> tuple[float, float]:
+        """The ball's index over the air's, and its standard deviation."""
+        return float(self.setup.ior), float(self.errors.ior)
 
 
 class Adjusted(NamedTuple):
@@ -115,143 +123,152 @@ class Adjusted(NamedTuple):
 
     Args:
         views: each view's numbers.
-        joint: all numbers: those of the first view, then of each other one what is its own (`OWN`).
+        joint: all numbers: those of the first view, then of each other one what is its own (`Setup.own`).
         covariance: of all these.
         known: what was known of all these before.
         cost: half the sum of the squares, in standard deviations.
     """
 
-    views: tuple[Seen, ...]
+    views: tuple[AdjustedView, ...]
     joint: Float[np.ndarray, " joint"]
     covariance: Float[np.ndarray, "joint joint"]
     known: Known
     cost: float
 
 
-def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
+def adjust(views: Sequence[PhotoView], known: Known, options: AdjustmentOptions = AdjustmentOptions()) -> Adjusted:
     """Find the numbers at which corners miss least.
 
     Lens, index and radius are common to all views. In each what is seen directly and what through the glass has its own
-    scatter, told from the median of its misses. Corners beyond `ROBUST` of it count as in Huber's loss (1964), in the
+    scatter, told from the median of its misses. Corners beyond `robust` of it count as in Huber's loss (1964), in the
     last round those beyond twice that not at all.
 
     Args:
         views: photographs with one camera of one ball; the first begins with what is common. One without corners
             through the glass needs none of a ball's numbers.
         known: what is known before.
-
-    Returns:
-        The numbers, their covariance, the corners' scatter, and which corners count.
     """
-    first = views[0]
-    start = np.concatenate([first.numbers, *(view.numbers[OWN] for view in views[1:])])
-    scale = np.concatenate([first.scale, *(view.scale[OWN] for view in views[1:])])
-    more = (0, len(start) - len(first.numbers))
-    known = Known(np.pad(known.mean, more), np.pad(known.root, ((0, 0), more)))
-    places = [_places(k, len(first.numbers)) for k in range(len(views))]
-
-    # The search moves the free numbers, each in its own scale, so that steps are alike.
-    free = np.flatnonzero(scale > 0)
-    spread = scale[free]
-    groups = [group for view in views for group in (view.direct, view.through)]
-    padded = [(_padded(view.direct), _padded(view.through)) for view in views]
-
-    def joint_at(x):
-        joint = np.array(start, float)
-        joint[free] += x * spread
-        return joint
-
-    def numbers_at(joint, k: int):
-        """A view's numbers, and how they follow from the free ones."""
-        numbers, slope = np.array(joint[places[k]]), np.zeros((len(places[k]), len(start)))
-        slope[np.arange(len(places[k])), places[k]] = 1.0
-        numbers[LENS], turned = views[k].turn(numbers[LENS])
-        slope[LENS] = turned @ slope[LENS]
-        return numbers, slope
-
-    # SciPy asks for rows and slopes one after the other at the same place: one program gives both, once.
-    @functools.lru_cache(maxsize=2)
-    def looked_up(key: bytes):
-        joint, found = joint_at(np.frombuffer(key)), []
-        for k, view in enumerate(views):
-            numbers, chain = numbers_at(joint, k)
-            values, slopes = _linearized(numbers, np.asarray(view.size, float), *padded[k])
-            for value, slope, group in zip(values, slopes, (view.direct, view.through), strict=True):
-                count = len(group.pixels)
-                found.append((np.asarray(value)[:count], np.asarray(slope)[:count] @ chain[:, free] * spread))
-        return found
-
-    # A row of the system is a miss over its scatter, times its weight; what was known adds rows of its own.
-    at_root = known.root[:, free] * spread
-    at_start = known.root @ (start - known.mean)
-    believed = [np.hypot(group.spread, TRUE_TO) for group in groups]
-    x, factors, used = np.zeros(len(free)), [1.0] * len(groups), [np.ones(len(group.pixels), bool) for group in groups]
-    weights = [one.astype(float) for one in used]
-
-    def rows(x):
-        parts = []
-        for (value, slope), sigma, factor, weight in zip(
-            looked_up(x.tobytes()), believed, factors, weights, strict=True
-        ):
-            by = (np.sqrt(weight) / (factor * sigma))[:, None]
-            parts.append(((value * by).reshape(-1), (slope * by[..., None]).reshape(-1, len(x))))
-        parts.append((at_root @ x + at_start, at_root))
-        return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+    system = _System(views, known)
+    believed = [np.hypot(group.spread, options.corner_floor) for group in system.groups]
+    x = np.zeros(len(system.free))
+    used, factors = [np.ones(len(sigma), bool) for sigma in believed], [1.0] * len(believed)
 
     # Scatter and weights follow from the misses at the present numbers, the numbers from these, and so on.
-    for number in range(ROUNDS):
-        lengths = [
-            np.linalg.norm(value, axis=-1) / sigma
-            for (value, _), sigma in zip(looked_up(x.tobytes()), believed, strict=True)
-        ]
+    for rounds_left in reversed(range(6)):
+        misses = zip(system.misses(x), believed, used, strict=True)
+        lengths = [(np.linalg.norm(value, axis=-1) / sigma, u) for (value, _), sigma, u in misses]
         # The median length of two normal coordinates of standard deviation 1 is sqrt(2 ln 2).
-        factors = [float(np.median(n[u])) / 1.1774 if u.any() else 1.0 for n, u in zip(lengths, used, strict=True)]
-        factors = [max(factor, 1.0) for factor in factors]
-        off = [length / factor for length, factor in zip(lengths, factors, strict=True)]
-        used = [one < 2 * ROBUST for one in off]
-        last = number == ROUNDS - 1
-        weights = [
-            u.astype(float) if last else np.minimum(1, ROBUST / np.maximum(o, TINY))
-            for u, o in zip(used, off, strict=True)
-        ]
-        x = least_squares(lambda x: rows(x)[0], x, jac=lambda x: rows(x)[1], max_nfev=60).x  # pyright: ignore[reportArgumentType]
+        factors = [max(float(np.median(n[u])) / 1.1774, 1.0) if u.any() else 1.0 for n, u in lengths]
+        off = [n / factor for (n, _), factor in zip(lengths, factors, strict=True)]
+        used = [one < 2 * options.robust for one in off]
+        weights = [np.minimum(1, options.robust / np.maximum(one, TINY)) if rounds_left else u.astype(float)
+                   for one, u in zip(off, used, strict=True)]  # fmt: skip
+        rows = zip(weights, factors, believed, strict=True)
+        system.factors = [np.sqrt(weight) / (factor * sigma) for weight, factor, sigma in rows]
+        x = least_squares(system.residual, x, jac=system.jacobian, max_nfev=60).x  # pyright: ignore[reportArgumentType]
 
     # The last round's rows tell how sure the numbers are.
-    residual, jacobian = rows(x)
-    covariance = np.zeros((len(start), len(start)))
-    covariance[np.ix_(free, free)] = np.linalg.pinv(jacobian.T @ jacobian) * np.outer(spread, spread)
+    joint, covariance = system.joint(x), system.covariance(x)
     sigma = [float(f * np.median(s)) if len(s) else 0.0 for f, s in zip(factors, believed, strict=True)]
-    joint, seen = joint_at(x), []
+    corners, found = [group.where(u) for group, u in zip(system.groups, used, strict=True)], []
     for k in range(len(views)):
-        numbers, chain = numbers_at(joint, k)
-        i, j = 2 * k, 2 * k + 1
-        seen.append(Seen(numbers, chain @ covariance @ chain.T, (sigma[i], sigma[j]), (used[i], used[j])))
-    return Adjusted(tuple(seen), joint, covariance, known, float(residual @ residual) / 2)
+        (numbers, chain), own = system.view(joint, k), slice(2 * k, 2 * k + 2)
+        scatter = (sigma[2 * k], sigma[2 * k + 1])
+        found.append(AdjustedView(Setup.of(numbers), chain @ covariance @ chain.T, scatter, *corners[own]))
+    return Adjusted(tuple(found), joint, covariance, system.known, float(np.sum(system.residual(x) ** 2)) / 2)
 
 
-def _places(k: int, count: int) -> Int[np.ndarray, " numbers"]:
-    """Where the numbers of a view are among all."""
-    places = np.arange(count)
-    if k:
-        places[OWN] = count + (k - 1) * len(OWN) + np.arange(len(OWN))
-    return places
+class _System:
+    """The linearized misses of all corners by the free numbers of all views, each in its own scale."""
+
+    def __init__(self, views: Sequence[PhotoView], known: Known):
+        first, others = views[0], views[1:]
+        self.views, self.groups = views, [group for view in views for group in (view.direct, view.through)]
+        self.start = np.concatenate([first.setup.vector, *(view.setup.own for view in others)])
+        scales = [_scale_of(view, known) for view in views]
+        scale = np.concatenate([scales[0].vector, *(one.own for one in scales[1:])])
+        self.free = np.flatnonzero(scale > 0)
+        self.scale = scale[self.free]
+        more = (0, len(self.start) - COUNT)
+        self.known = Known(np.pad(known.mean, more), np.pad(known.root, ((0, 0), more)), scale)
+        self._padded = [(padded(view.direct), padded(view.through)) for view in views]
+        self.factors: list[np.ndarray] = []  # Of each corner's misses in the residual.
+        self._kept: tuple[bytes | None, list] = (None, [])
+
+    def joint(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, " joint"]:
+        """All numbers, in their units."""
+        joint = np.array(self.start)
+        joint[self.free] += x * self.scale
+        return joint
+
+    def view(
+        self, joint: Float[np.ndarray, " joint"], k: int
+    ) -> tuple[Float[np.ndarray, " numbers"], Float[np.ndarray, "numbers joint"]]:
+        """A view's numbers, and their derivative by all."""
+        places = np.array(AT.vector)
+        if k:
+            places[AT.own] = COUNT + (k - 1) * len(AT.own) + np.arange(len(AT.own))
+        numbers, slope = joint[places], np.eye(len(joint))[places]
+        numbers[AT.lens], turned = self.views[k].turn(numbers[AT.lens])
+        slope[AT.lens] = turned @ slope[AT.lens]
+        return numbers, slope
+
+    def misses(self, x: Float[np.ndarray, " free"]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Each group's misses in pixels, and their derivatives by `x`.
+
+        SciPy asks for values and slopes one after the other at the same place: one program gives both, once.
+        """
+        if self._kept[0] != (key := x.tobytes()):
+            joint, found = self.joint(x), []
+            for k, view in enumerate(self.views):
+                numbers, chain = self.view(joint, k)
+                both = linearized(numbers, np.asarray(view.size, float), *self._padded[k])
+                for value, slope, group in zip(*both, (view.direct, view.through), strict=True):
+                    n = len(group.pixels)
+                    found.append((np.asarray(value)[:n], np.asarray(slope)[:n] @ chain[:, self.free] * self.scale))
+            self._kept = key, found
+        return self._kept[1]
+
+    def residual(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, " rows"]:
+        """The scaled misses of all corners, then those of what was known."""
+        rows = [(value * by[:, None]).reshape(-1) for (value, _), by in zip(self.misses(x), self.factors, strict=True)]
+        return np.concatenate([*rows, self.known.root @ (self.joint(x) - self.known.mean)])
+
+    def jacobian(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, "rows free"]:
+        """The derivative of the residual."""
+        slopes = zip(self.misses(x), self.factors, strict=True)
+        rows = [(slope * by[:, None, None]).reshape(-1, len(x)) for (_, slope), by in slopes]
+        return np.concatenate([*rows, self.known.root[:, self.free] * self.scale])
+
+    def covariance(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, "joint joint"]:
+        """The covariance of all numbers; 0 of those that are held."""
+        jacobian, covariance = self.jacobian(x), np.zeros((len(self.start), len(self.start)))
+        of_free = np.linalg.pinv(jacobian.T @ jacobian) * np.outer(self.scale, self.scale)
+        covariance[np.ix_(self.free, self.free)] = of_free
+        return covariance
+
+
+def _scale_of(view: PhotoView, known: Known) -> Setup:
+    """About how far each number of a view may move; a ball through which nothing is seen is held."""
+    scale, distance = Setup.of(known.scale), np.linalg.norm(view.setup.translation)
+    center = scale.center * (len(view.through.pixels) > 0)
+    return scale._replace(translation=distance * scale.translation, center=center)
 
 
 @jit
-def _linearized(numbers: Numbers, size: Float[Array, "2"], direct, through):
-    """The misses of both groups of corners in pixels, and their derivatives by the numbers."""
+def linearized(numbers: Numbers, size: Float[Array, "2"], direct, through):
+    """The misses of both groups of corners in pixels, and their derivatives by the numbers of a set-up."""
 
     def both(numbers):
-        (pixels, places), (pixels_through, places_through) = direct, through
+        setup, (pixels, places), (pixels_through, places_through) = Setup.of(numbers), direct, through
         flat = jnp.concatenate([places, jnp.zeros_like(places[:, :1])], axis=1)
-        camera = numbers[:COUNT]
-        return project(camera, size, flat) - pixels, misses(camera, numbers[BALL], size, pixels_through, places_through)
+        return project(setup, size, flat) - pixels, misses(setup, size, pixels_through, places_through)
 
     return both(numbers), jax.jacfwd(both)(numbers)
 
 
-def _padded(corners: Corners) -> tuple[Float[np.ndarray, "padded 2"], Float[np.ndarray, "padded 2"]]:
-    """Pixels and places, with zeros up to a multiple of `PADDED`."""
-    more = -len(corners.pixels) % PADDED if len(corners.pixels) else PADDED
+def padded(corners: Corners) -> tuple[Float[np.ndarray, "padded 2"], Float[np.ndarray, "padded 2"]]:
+    """Pixels and places, with zeros up to a multiple of 256, so that photographs share programs."""
+    more = -len(corners.pixels) % 256 if len(corners.pixels) else 256
     wider = ((0, more), (0, 0))
     return np.pad(corners.pixels, wider), np.pad(corners.places, wider)

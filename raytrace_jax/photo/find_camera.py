@@ -1,177 +1,115 @@
-"""A photograph's camera, from the corners of its board that are seen directly."""
+"""A photograph's camera, from the corners of its board that are seen directly, and the lens that several tell."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.alignment import align, best_blur
-from raytrace_jax.photo.boards import LEAST_CORNERS, CharucoBoard
-from raytrace_jax.photo.bundle import BALL, Corners, Known, PhotoView, adjust
-from raytrace_jax.photo.cameras import COUNT, FOV, LENS
-from raytrace_jax.photo.lens import LensPrior
-from raytrace_jax.photo.markers import Markers
-from raytrace_jax.photo.opencv import opencv
+from raytrace_jax.photo.alignment import AlignmentOptions, align, best_blur
+from raytrace_jax.photo.boards import LEAST_CORNERS, CharucoBoard, opencv
+from raytrace_jax.photo.bundle import AdjustedView, AdjustmentOptions, PhotoView, adjust, known_before
+from raytrace_jax.photo.geometry import Setup
+from raytrace_jax.photo.lens import LensPrior, Turn, uncalibrated
+from raytrace_jax.photo.markers import Markers, find_markers
+from raytrace_jax.photo.photograph import Corners, Photograph
 from raytrace_jax.photo.sight import Sight
-from raytrace_jax.photo.through_glass import RADIUS
-
-ANGLES = (20.0, 30.0, 40.0, 55.0, 70.0)
-"""Angles of view in degrees; the best one is the start where none is known."""
-
-LARGEST_SPREAD = 0.3
-"""A corner that its patch places worse than to so many pixels does not count."""
-
-LARGEST_SCATTER = 3e-4
-"""Corners may scatter by this share of the picture's width, seen directly or through the glass: half a pixel of 1600.
-In the rooms of `experiments/photograph` they scatter by 0.04 pixels, from a wrong start by more than one."""
+from raytrace_jax.util.digits import with_error
 
 
-class Photograph(NamedTuple):
-    """A photograph as it is measured.
+@dataclass(frozen=True)
+class CameraOptions:
+    """Options of the search for a camera.
 
     Args:
-        light: scene-linear, the mean of its channels.
-        grey: 8 bits, for OpenCV.
-        name: for messages.
-        orientation: how EXIF says that it was turned to be upright.
+        angles: angles of view in degrees; the best one is the start where none is known.
+        largest_scatter: corners may scatter by this fraction of the picture's width, seen directly or through the
+            glass: half a pixel of 1600. In the rooms of `experiments/photograph` they scatter by 0.04 pixels, from a
+            wrong start by more than one.
+        alignment, adjustment: of the corners' patches, and of the least squares.
     """
 
-    light: Float[np.ndarray, "height width"]
-    grey: UInt8[np.ndarray, "height width"]
-    name: str
-    orientation: int = 1
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height."""
-        return self.light.shape[1], self.light.shape[0]
-
-    @property
-    def size_on_sensor(self) -> tuple[int, int]:
-        """Width and height before it was turned."""
-        width, height = self.size
-        return (width, height) if self.orientation < 5 else (height, width)
+    angles: tuple[float, ...] = (20.0, 30.0, 40.0, 55.0, 70.0)
+    largest_scatter: float = 3e-4
+    alignment: AlignmentOptions = field(default_factory=AlignmentOptions)
+    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
 
 
-def photograph_of(image: Float[np.ndarray, "3 height width"], name: str, orientation: int = 1) -> Photograph:
-    """A scene-linear picture as it is measured: OpenCV sees it as a screen shows it, its brightest hundredth white."""
-    light = np.mean(np.asarray(image, np.float64), axis=0)
-    white = max(float(np.percentile(light, 99)), 1e-9)
-    grey = np.round(255 * np.clip(light / white, 0, 1) ** (1 / 2.2)).astype(np.uint8)
-    return Photograph(light, grey, name, orientation)
-
-
-class FoundCamera(NamedTuple):
-    """A camera, from what is seen directly of a board.
+@dataclass(frozen=True)
+class FoundCamera(AdjustedView):
+    """A camera, from what is seen directly of a board; the ball's numbers are held, for nothing is known of them.
 
     Args:
-        view: its corners, and the camera's numbers; the ball's are held, for nothing is known of them.
-        covariance: of the numbers.
+        view: all its corners, also those that do not count.
         blur: standard deviation of the camera's blur, in pixels.
-        sigma: the scatter of corners, in pixels.
     """
 
     view: PhotoView
-    covariance: Float[np.ndarray, "numbers numbers"]
     blur: float
-    sigma: float
-
-    @property
-    def lens(self) -> LensPrior:
-        """The camera's lens, as this picture tells it."""
-        return LensPrior(self.view.numbers[LENS], self.covariance[LENS, LENS])
 
 
-def find_camera(photograph: Photograph, board: CharucoBoard, markers: Markers, lens: LensPrior) -> FoundCamera:
+def find_camera(
+    photograph: Photograph,
+    board: CharucoBoard,
+    markers: Markers,
+    lens: LensPrior,
+    options: CameraOptions = CameraOptions(),
+) -> FoundCamera:
     """The camera from what is seen directly: from markers, from refined corners, at last from patches.
 
-    Args:
-        photograph: what was taken.
-        board: what it shows.
-        markers: that were decoded in it.
-        lens: what is known of the camera.
+    Raises:
+        PictureError: too few corners of the board are seen, or they scatter too much.
     """
     # Markers are found without a start, but roughly: they choose among angles of view.
     size, direct = photograph.size, markers.direct
     seen = markers.corners[direct].reshape(-1, 2)
     corners = Corners(seen, board.markers[markers.place[direct]].reshape(-1, 2), np.full(len(seen), 0.5))
-    guesses = (float(lens.mean[0]),) if np.isfinite(lens.covariance[0, 0]) else ANGLES
-    starts = [_pose(corners, fov, lens, size) for fov in guesses]
+    guesses = (float(lens.mean[0]),) if np.isfinite(lens.covariance[0, 0]) else options.angles
     known = known_before(lens, (0.0, 0.0))
 
-    def adjusted(numbers, corners):
-        return adjust([_camera_alone(numbers, size, corners, lens)], known)
+    def adjusted(setup: Setup, corners: Corners):
+        return adjust([PhotoView(setup, size, corners, Corners.none())], known, options.adjustment)
 
-    found = [adjusted(start, corners) for start in starts]
-    numbers = min(found, key=lambda one: one.cost).views[0].numbers
+    found = [adjusted(_pose(corners, fov, lens, size), corners) for fov in guesses]
+    setup = min(found, key=lambda one: one.cost).views[0].setup
 
     # Corners that OpenCV refines are good to a tenth of a pixel: near enough for a patch to find its place.
     for _ in range(2):
-        sight = Sight(numbers, size)
+        sight = Sight(setup, size)
         expected = sight.where(board.corners)
         pixels, good = _refined(photograph.grey, expected, _square_sizes(sight, board))
         corners = Corners(pixels, board.corners, np.full(len(pixels), 0.1)).where(good)
-        numbers = adjusted(numbers, corners).views[0].numbers
+        setup = adjusted(setup, corners).views[0].setup
 
     # Patches, drawn with the camera's blur, measure corners to hundredths of a pixel.
-    sight = Sight(numbers, size)
+    sight = Sight(setup, size)
     expected, places = sight.where(corners.places), corners.places
     some = slice(None, None, max(1, len(places) // 40))
-    blur = best_blur(photograph.light, board, places[some], expected[some], sight.directly)
-    found = align(photograph.light, board, places, expected, sight.directly, blur)
-    is_placed = found.good & (found.spread < LARGEST_SPREAD)
-    corners = Corners(found.pixels, places, found.spread).where(is_placed)
-    (done,) = adjusted(numbers, corners).views
-    least, largest = LEAST_CORNERS, LARGEST_SCATTER * size[0]
-    if len(corners.pixels) < least or done.sigma[0] > largest:
+    blur = best_blur(photograph.light, board, places[some], expected[some], sight.directly, options.alignment)
+    corners = align(photograph.light, board, places, expected, sight.directly, blur, options=options.alignment)
+    (done,) = adjusted(setup, corners).views
+    largest = options.largest_scatter * size[0]
+    if len(corners.pixels) < LEAST_CORNERS or done.sigma[0] > largest:
         raise PictureError(
             f"{photograph.name}: {len(corners.pixels)} corners of the board are seen directly, and they scatter by "
-            f"{done.sigma[0]:.2g} pixels; {least} are wanted within {largest:.2g}: is {board.path} the "
+            f"{done.sigma[0]:.2g} pixels; {LEAST_CORNERS} are wanted within {largest:.2g}: is {board.path} the "
             "board of this photograph, is it flat, and is the picture whole, as the camera took it?"
         )
-    return FoundCamera(_camera_alone(done.numbers, size, corners, lens), done.covariance, blur, done.sigma[0])
+    return FoundCamera(**vars(done), view=PhotoView(done.setup, size, corners, Corners.none()), blur=blur)
 
 
-def known_before(lens: LensPrior, radius: tuple[float, float]) -> Known:
-    """What is known before of the camera's and the ball's numbers: of the lens and the radius."""
-    mean, root = np.zeros(BALL.stop), np.zeros((len(lens.mean) + 1, BALL.stop))
-    mean[LENS], mean[COUNT + RADIUS] = lens.mean, radius[0]
-    variance = np.diagonal(lens.covariance)
-    is_known = np.isfinite(variance) & (variance > 0)
-    if is_known.any():
-        precision = np.linalg.inv(lens.covariance[np.ix_(is_known, is_known)])
-        root[np.ix_(np.arange(is_known.sum()), FOV + np.flatnonzero(is_known))] = np.linalg.cholesky(precision).T
-    if radius[1] > 0:
-        root[-1, COUNT + RADIUS] = 1 / radius[1]
-    return Known(mean, root)
-
-
-def step_scales(numbers: Float[np.ndarray, " numbers"], radius: tuple[float, float], lens: LensPrior):
-    """About how far each number may move; 0 for what is known exactly."""
-    distance = float(np.linalg.norm(numbers[3:6]))
-    of_lens = (1.0, 0.02, 0.02, 0.01, 0.01)
-    scale = np.array([*[0.02] * 3, *[0.02 * distance] * 3, *of_lens, 0.05, *[0.1 * radius[0]] * 3, radius[1]])
-    scale[LENS] *= np.diagonal(lens.covariance) > 0
-    return scale
-
-
-def _camera_alone(numbers: Float[np.ndarray, " numbers"], size, corners: Corners, lens: LensPrior) -> PhotoView:
-    """A view without a ball."""
-    scale = step_scales(numbers, (0.0, 0.0), lens)
-    scale[BALL] = 0
-    return PhotoView(numbers, scale, size, corners, Corners.none())
-
-
-def _pose(corners: Corners, fov: float, lens: LensPrior, size: tuple[int, int]) -> Float[np.ndarray, " numbers"]:
-    """Numbers whose camera has this angle of view and sees the corners (OpenCV's `solvePnP`), and a ball of no size."""
+def _pose(corners: Corners, fov: float, lens: LensPrior, size: tuple[int, int]) -> Setup:
+    """A camera with this angle of view that sees the corners (OpenCV's `solvePnP`), and any ball."""
     cv2 = opencv("a photograph of a board")
     focal = size[0] / (2 * np.tan(np.radians(fov) / 2))
-    across, down = (np.asarray(size) - 1) / 2 + lens.mean[3:] * size[0]
+    distortion, offset = lens.mean[1:3], lens.mean[3:]
+    across, down = (np.asarray(size) - 1) / 2 + offset * size[0]
     matrix = np.array([[focal, 0, across], [0, focal, down], [0, 0, 1]])
     points = np.concatenate([corners.places, np.zeros_like(corners.places[:, :1])], axis=1)
-    _, turn, shift = cv2.solvePnP(points, corners.pixels, matrix, np.array([*lens.mean[1:3], 0.0, 0.0]))
-    return np.concatenate([turn.ravel(), shift.ravel(), [fov, *lens.mean[1:]], [1.5, 0, 0, 0, 1]])
+    _, turn, shift = cv2.solvePnP(points, corners.pixels, matrix, np.array([*distortion, 0.0, 0.0]))
+    return Setup(turn.ravel(), shift.ravel(), fov, distortion, offset, 1.5, np.zeros(3), 1.0)
 
 
 def _square_sizes(sight: Sight, board: CharucoBoard) -> Float[np.ndarray, " corners"]:
@@ -184,10 +122,7 @@ def _square_sizes(sight: Sight, board: CharucoBoard) -> Float[np.ndarray, " corn
 def _refined(
     grey: UInt8[np.ndarray, "height width"], expected: Float[np.ndarray, "n 2"], sizes: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Refine corners that are expected in pixels, each in a window of its own size, and tell which were found.
-
-    `sizes` are the shorter sides of squares there, in pixels.
-    """
+    """Refine corners, each in a window by the size of its square in pixels, and tell which were found."""
     cv2 = opencv("a photograph of a board")
     height, width = grey.shape
     found = np.array(expected, np.float32)
@@ -206,3 +141,90 @@ def _refined(
     # A refined corner that has moved by more than 0.2 squares is another one.
     moved = np.linalg.norm(found - expected, axis=1)
     return found.astype(np.float64), good & (moved < np.maximum(0.2 * sizes, 1.0))
+
+
+class Calibrated(NamedTuple):
+    """What pictures of a board say of a lens.
+
+    Args:
+        lens: its numbers, with their covariance, of pictures as the sensor has them.
+        size: width and height of these.
+        each: the lens as each picture alone tells it, also as the sensor has it.
+        sigma: the scatter of corners, in pixels, of each picture.
+    """
+
+    lens: LensPrior
+    size: tuple[int, int]
+    each: tuple[LensPrior, ...]
+    sigma: tuple[float, ...]
+
+
+def calibrate(photographs: Sequence[Photograph], board: CharucoBoard) -> Calibrated:
+    """Find a lens from pictures of a board, each from another side, with the same camera and focus.
+
+    They are three at least, of one size on the sensor, tilted by 20 to 45 degrees in several directions; EXIF may say
+    of some that the camera was turned.
+
+    Raises:
+        PictureError: too few pictures, of several sizes, or too little of the board in one.
+    """
+    # Fewer than three do not tell what all have in common from what each has of its own.
+    if len(photographs) < 3:
+        raise PictureError(f"{len(photographs)} pictures are too few for a calibration: 3 are wanted.")
+    size = one_size(photographs)
+    # The camera may be turned, and its lens, which stays the same on the sensor, is turned with it.
+    lenses = [Turn(size, after=one.orientation).of(uncalibrated()) for one in photographs]
+    found = [
+        find_camera(one, board, find_markers(one, board), lens) for one, lens in zip(photographs, lenses, strict=True)
+    ]
+    joint = one_lens(photographs, found, lenses[0])
+    back = [Turn(size, before=one.orientation) for one in photographs]
+    each = tuple(turn.of(camera.lens) for turn, camera in zip(back, found, strict=True))
+    return Calibrated(back[0].of(joint[0].lens), size, each, tuple(camera.sigma[0] for camera in joint))
+
+
+def one_size(photographs: Sequence[Photograph]) -> tuple[int, int]:
+    """The size that all photographs have on the sensor. Raises PictureError where they differ."""
+    size = photographs[0].size_on_sensor
+    for one in photographs:
+        if one.size_on_sensor != size:
+            width, height = one.size_on_sensor
+            raise PictureError(
+                f"{one.name} has {width} x {height} pixels on the sensor and {photographs[0].name} {size[0]} x "
+                f"{size[1]}: one camera, one zoom and one size are wanted; of a picture that was turned EXIF has to "
+                "say so, as cameras write it."
+            )
+    return size
+
+
+def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], lens: LensPrior) -> list[FoundCamera]:
+    """The cameras of photographs adjusted together; `lens` is what is known of it before, as the first one has it.
+
+    Where the pictures alone differ by more than their errors, for boards bend, the errors are made as much larger
+    (Birge's ratio, 1932).
+
+    Raises:
+        PictureError: the angle of view of one is not that of the others; the message names it.
+    """
+    first = photographs[0]
+    views = [camera.view._replace(turn=first.turn_to(one)) for camera, one in zip(found, photographs, strict=True)]
+    seen = adjust(views, known_before(lens, (0.0, 0.0))).views
+    apart = [camera.lens.mean - one.setup.lens for camera, one in zip(found, seen, strict=True)]
+    # One of another zoom moves what all say: the median of what each says stays.
+    shares = np.array([camera.lens.mean[0] / one.setup.fov for camera, one in zip(found, seen, strict=True)])
+    for photograph, camera, share in zip(photographs, found, shares / np.median(shares), strict=True):
+        fov, error = camera.lens.mean[0], np.sqrt(camera.lens.covariance[0, 0])
+        if abs(share - 1) > max(0.01, 8 * error / fov):
+            raise PictureError(
+                f"{photograph.name}: it tells an angle of view of {with_error(fov, error)} degrees, and others one of "
+                f"{fov / share:.4g}: one camera, one zoom and one focus are wanted."
+            )
+    squares = [float(off @ np.linalg.pinv(one.lens.covariance) @ off) for one, off in zip(found, apart, strict=True)]
+    birge = max(1.0, sum(squares) / (len(lens.mean) * max(len(found) - 1, 1)))
+    return [
+        FoundCamera(
+            **(vars(one) | {"covariance": birge * one.covariance, "blur": camera.blur}),
+            view=camera.view._replace(setup=one.setup),
+        )
+        for camera, one in zip(found, seen, strict=True)
+    ]

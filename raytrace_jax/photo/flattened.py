@@ -1,5 +1,6 @@
 """A photograph around its ball as a picture of a board that shines by itself: divided by the light on the board."""
 
+from dataclasses import dataclass
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -7,29 +8,31 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.grids import PixelGrid, offsets
 from raytrace_jax.photo.light_field import LightField, fit_light_field
-from raytrace_jax.photo.locate import REACH, Located
+from raytrace_jax.photo.locate import Located
+from raytrace_jax.photo.photograph import PixelGrid, offsets
+from raytrace_jax.photo.sight import REACH
 
-RIM = 1.04
-"""The board is seen directly beyond this share of the outline's radius."""
 
-WIDTH, BALL_WIDTH = 1000, 144
-"""About how many pixels wide the picture is in which the light on the board is looked at, and the ball in the fitted
-picture; more take longer and tell the same."""
+@dataclass(frozen=True)
+class FlattenOptions:
+    """Options of what is made of a photograph around its ball.
 
-AROUND = 1.12
-"""The fitted picture reaches this far, in radii of the outline; some board tells exposure and blur."""
+    Args:
+        rim: the board is seen directly beyond this fraction of the outline's radius.
+        ball_width: about how many pixels wide the ball is in the fitted picture; so here.
+        around: the fitted picture reaches this far, in radii of the outline; some board tells exposure and blur.
+        disagrees: something lies between camera and board where picture and board differ by more than this fraction of
+            paper in the mean of some pixels. Through the glass it is twice as much, for there it shows the room too.
+        least_seen: the fewest pixels that tell something, of the ball and of paper alone.
+    """
 
-PURE = 0.02
-"""A pixel whose blurred brightness is nearer than this to paper's or to ink's shows it alone."""
+    rim: float = 1.04
+    ball_width: int = 144
+    around: float = 1.12
+    disagrees: float = 0.12
+    least_seen: int = 400
 
-DISAGREES = 0.12
-"""Something lies between camera and board where picture and board differ by more than this share of paper in the mean
-of some pixels. Through the glass it is twice as much, for there it shows the room too."""
-
-LEAST_SEEN = 400
-"""The fewest pixels that tell something, of the ball and of paper alone."""
 
 SATURATED = 0.995
 """A channel from here on is saturated."""
@@ -55,29 +58,24 @@ class Flattened(NamedTuple):
     grid: PixelGrid
 
 
-def flatten(image: Float[np.ndarray, "3 height width"], located: Located) -> Flattened:
-    """Divide each pixel of a photograph by the light on the board where it looks, and say which pixels count.
-
-    Args:
-        image: the photograph, scene-linear.
-        located: its camera and ball.
-
-    Returns:
-        The part around the ball, divided, with the pixels that count.
+def flatten(
+    image: Float[np.ndarray, "3 height width"], located: Located, options: FlattenOptions = FlattenOptions()
+) -> Flattened:
+    """Divide each pixel of a scene-linear photograph around its ball by the light on the board where the pixel looks.
 
     Raises:
         PictureError: too little of the board is seen, directly or through the ball.
     """
     # Both the photograph and the board, in the pixels of the fitted picture.
-    field = find_light(image, located)
+    field = find_light(image, located, options)
     center, radius = located.sight.outline
-    binning = max(1, round(2 * radius / BALL_WIDTH))
-    grid = PixelGrid.of(located.size, binning).around(center, AROUND * radius)
+    binning = max(1, round(2 * radius / options.ball_width))
+    grid = PixelGrid.of(located.size, binning).around(center, options.around * radius)
     parts = grid.parts(image)
     shape = parts.shape[1:3]
     seen, brightness, reach = look_at_board(located, grid)
     on_board = np.isfinite(brightness)
-    ranges = reach > RIM, reach < REACH
+    ranges = reach > options.rim, reach < REACH
     direct, through = ((on_board & chosen).reshape(shape) for chosen in ranges)
 
     # The photograph divided by the light where each pixel looks, and the board that it should then be.
@@ -88,35 +86,34 @@ def flatten(image: Float[np.ndarray, "3 height width"], located: Located) -> Fla
     # What is in between does not count, a ring or a highlight: there the mean of some pixels differs from the board's.
     off = np.where(direct | through, (divided - drawn).mean(axis=0), 0.0)
     off = np.abs(ndimage.gaussian_filter(off, 1.5))
-    between = cast("np.ndarray", ndimage.binary_dilation((off > DISAGREES) & direct, iterations=3))
-    between |= ndimage.binary_dilation((off > 2 * DISAGREES) & through, iterations=1)
+    between = cast("np.ndarray", ndimage.binary_dilation((off > options.disagrees) & direct, iterations=3))
+    between |= ndimage.binary_dilation((off > 2 * options.disagrees) & through, iterations=1)
     counts = (direct | through) & ~between & ~(parts.max(axis=(0, 3)) >= SATURATED)
-    if np.sum(counts & through) < LEAST_SEEN:
+    if np.sum(counts & through) < options.least_seen:
         raise PictureError(
-            f"only {int(np.sum(counts & through))} pixels show the board through the ball, {LEAST_SEEN} are "
+            f"only {int(np.sum(counts & through))} pixels show the board through the ball, {options.least_seen} are "
             "wanted: put the ball nearer to the board's middle, or photograph from nearer."
         )
     return Flattened(np.where(counts, divided, 0.0), counts, counts & through, drawn, field, grid)
 
 
-def find_light(image: Float[np.ndarray, "3 height width"], located: Located) -> LightField:
-    """The light on the board, from what is seen of it directly in the whole photograph.
-
-    Args:
-        image: the photograph, scene-linear.
-        located: its camera and ball.
+def find_light(
+    image: Float[np.ndarray, "3 height width"], located: Located, options: FlattenOptions = FlattenOptions()
+) -> LightField:
+    """The light on the board, from what is seen of it directly in the whole photograph, scene-linear.
 
     Raises:
         PictureError: too few pixels show paper alone.
     """
-    grid = PixelGrid.of(located.size, max(1, round(located.size[0] / WIDTH)))
+    grid = PixelGrid.of(located.size, max(1, round(located.size[0] / 1000)))
     parts = grid.parts(image)
     seen, brightness, reach = look_at_board(located, grid)
     blurred = ndimage.gaussian_filter(np.nan_to_num(brightness).reshape(parts.shape[1:3]), located.blur / grid.binning)
-    alone = np.minimum(blurred, 1 - blurred).reshape(-1) < PURE
+    # Paper or ink alone is what shows nothing of the other, but for a fiftieth.
+    alone = np.minimum(blurred, 1 - blurred).reshape(-1) < 0.02
     is_dark_enough = (parts.max(axis=(0, 3)) < SATURATED).reshape(-1)
-    pure = alone & np.isfinite(brightness) & (reach > RIM) & is_dark_enough
-    if np.sum(pure & (brightness > 0.5)) < LEAST_SEEN:
+    pure = alone & np.isfinite(brightness) & (reach > options.rim) & is_dark_enough
+    if np.sum(pure & (brightness > 0.5)) < options.least_seen:
         raise PictureError("too few pixels show paper alone: photograph from nearer, or use larger squares.")
     light = parts.mean(axis=-1).reshape(3, -1)
     return fit_light_field(light[:, pure], seen[pure], brightness[pure], located.board.half)
@@ -126,10 +123,6 @@ def look_at_board(located: Located, grid: PixelGrid):
     """Which place of the board pixels see, how bright it is there, and how far from the ball's middle they pass.
 
     The brightness is the mean over a pixel. It is NaN where a part of the pixel does not see the board.
-
-    Args:
-        located: camera, ball and board.
-        grid: the pixels.
     """
     sight, pixels = located.sight, grid.pixels
     reach = sight.through(pixels).reach

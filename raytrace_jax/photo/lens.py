@@ -28,6 +28,11 @@ class LensPrior(NamedTuple):
     mean: Float[np.ndarray, "5"]
     covariance: Float[np.ndarray, "5 5"]
 
+    @property
+    def errors(self) -> Float[np.ndarray, "5"]:
+        """The standard deviation of each number."""
+        return np.sqrt(np.diagonal(self.covariance))
+
 
 def uncalibrated(fov: float | None = None, spread: float = 0.0) -> LensPrior:
     """A lens of which at most the angle of view is known, in degrees, with its standard deviation."""
@@ -40,7 +45,7 @@ class Turn(NamedTuple):
 
     Args:
         size: width and height of both on the sensor.
-        before, after: how EXIF says that the other one, and this one, are turned.
+        before, after: how EXIF says that the other one, and this one, are turned; 1 is as the sensor has it.
     """
 
     size: tuple[int, int] = (1, 1)
@@ -58,7 +63,8 @@ class Turn(NamedTuple):
     def of(self, lens: LensPrior) -> LensPrior:
         """The lens, with its covariance."""
         for turn in self._turns:
-            lens = turned(lens, *turn)
+            mean, places, factors = _turned(lens.mean, *turn)
+            lens = LensPrior(mean, lens.covariance[np.ix_(places, places)] * np.outer(factors, factors))
         return lens
 
     @property
@@ -69,18 +75,6 @@ class Turn(NamedTuple):
         width, height = self.size
         upright = (width, height) if self.before < 5 else (height, width)
         return (BACK.get(self.before, self.before), upright), (self.after, self.size)
-
-
-def turned(lens: LensPrior, orientation: int, size: tuple[int, int]) -> LensPrior:
-    """The lens of a picture that is turned as EXIF says.
-
-    Args:
-        lens: of the picture before.
-        orientation: as EXIF numbers it.
-        size: width and height of the picture before.
-    """
-    mean, places, factors = _turned(lens.mean, orientation, size)
-    return LensPrior(mean, lens.covariance[np.ix_(places, places)] * np.outer(factors, factors))
 
 
 def _turned(mean: Float[np.ndarray, "5"], orientation: int, size: tuple[int, int]):
@@ -98,14 +92,7 @@ def _turned(mean: Float[np.ndarray, "5"], orientation: int, size: tuple[int, int
 
 
 def write_lens(path: str | os.PathLike[str], lens: LensPrior, size: tuple[int, int], comment: str) -> None:
-    """Write a lens.
-
-    Args:
-        path: the file.
-        lens: its numbers.
-        size: width and height of the pictures that it was found from, as the sensor has them.
-        comment: a line on where it comes from.
-    """
+    """Write a lens, with a comment on where it comes from; `size` is that of its pictures, as the sensor has them."""
     rows = ",\n  ".join("[" + ", ".join(f"{x:.12g}" for x in row) + "]" for row in lens.covariance)
     text = (
         f"# {comment}\n"
@@ -120,14 +107,7 @@ def write_lens(path: str | os.PathLike[str], lens: LensPrior, size: tuple[int, i
 
 
 def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> LensPrior:
-    """Read a lens for pictures of a size.
-
-    Args:
-        path: a file as `raytrace-jax calibrate` writes it.
-        size: width and height of the picture that it is for, as the sensor has it.
-
-    Returns:
-        The lens.
+    """Read a lens, as `raytrace-jax calibrate` writes it, for a picture of this size on the sensor.
 
     Raises:
         RaytraceError: the file is none of a lens, or of pictures of another shape.

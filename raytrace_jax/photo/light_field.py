@@ -5,17 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from raytrace_jax.util.numerics import MAD_TO_SIGMA
+
 DEGREE = 4
 """Degree of the polynomial in the board's coordinates.
 
 A quadratic serves even light, lamps near the board want more; the degree was not tuned. It leaves 1.1 % of the paper's
 light in room 6 of `experiments/photograph`."""
-
-TILTED = 3
-"""So many of the first terms make a plane."""
-
-OUTLIER = 3.0
-"""Robust standard deviations of the field's rest beyond which a pixel is a shadow's edge, a hand or a stain."""
 
 
 class LightField(NamedTuple):
@@ -45,16 +41,9 @@ def fit_light_field(
     brightness: Float[np.ndarray, " pixels"],
     half: Float[np.ndarray, "2"],
 ) -> LightField:
-    """Fit the field to pixels that see paper or ink alone.
+    """Fit the field to the scene-linear light of pixels that see paper, a brightness of 1, or ink, 0, at places.
 
-    Args:
-        image: their scene-linear light.
-        place: of the board that they see.
-        brightness: of the board there, 1 is paper and 0 is ink.
-        half: half the board's width and height.
-
-    Returns:
-        The field; pixels in the shadow or behind the hand of somebody do not count in it.
+    Pixels in the shadow or behind the hand of somebody do not count in it.
     """
     paper, ink = brightness > 0.5, brightness <= 0.5
     terms = _terms(place / half)
@@ -63,14 +52,15 @@ def fit_light_field(
     keep = np.ones(len(chosen), bool)
     coefficients = np.zeros((3, len(terms)))
     # A tilted plane comes first: it cannot follow a ball into its dark inside, so that this counts as an outlier.
-    for count in (TILTED, TILTED, *[len(terms)] * 4):
+    for count in (3, 3, *[len(terms)] * 4):
         columns = terms[:count, chosen[keep]].T
         coefficients[:, :count] = np.linalg.lstsq(columns, image[:, chosen[keep]].T, rcond=None)[0].T
         off = np.max(np.abs(image[:, chosen] / np.maximum(coefficients @ terms[:, chosen], 1e-6) - 1), axis=0)
-        keep = off < OUTLIER * 1.4826 * max(float(np.median(off)), 1e-4)
+        # Beyond three standard deviations a pixel is a shadow's edge, a hand or a stain.
+        keep = off < 3 * MAD_TO_SIGMA * max(float(np.median(off)), 1e-4)
     share = image / np.maximum(coefficients @ terms, 1e-6)
     of_ink = np.median(share[:, ink], axis=1) if ink.any() else np.zeros(3)
-    scatter = 1.4826 * float(np.median(np.abs(share[:, paper] - 1)))
+    scatter = MAD_TO_SIGMA * float(np.median(np.abs(share[:, paper] - 1)))
     return LightField(half, coefficients, of_ink, scatter)
 
 

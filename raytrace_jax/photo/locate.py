@@ -10,81 +10,64 @@ from jaxtyping import Float
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.bundle import BALL, Adjusted, Corners, PhotoView, adjust
-from raytrace_jax.photo.calibrate import one_lens, one_size
-from raytrace_jax.photo.cameras import COUNT
-from raytrace_jax.photo.find_ball import find_ball
-from raytrace_jax.photo.find_camera import (
-    LARGEST_SCATTER,
-    LARGEST_SPREAD,
-    FoundCamera,
-    Photograph,
-    find_camera,
-    known_before,
-    step_scales,
-)
-from raytrace_jax.photo.lens import LensPrior, Turn
-from raytrace_jax.photo.markers import find_markers, markers_in
-from raytrace_jax.photo.outline import Disc, NoBall, find_discs
+from raytrace_jax.photo.bundle import Adjusted, AdjustedView, PhotoView, adjust, known_before
+from raytrace_jax.photo.find_ball import BallOptions, find_ball
+from raytrace_jax.photo.find_camera import CameraOptions, FoundCamera, find_camera, one_lens, one_size
+from raytrace_jax.photo.lens import LensPrior
+from raytrace_jax.photo.markers import MarkerOptions, find_markers, markers_in
+from raytrace_jax.photo.outline import Disc, NoBall, OutlineOptions, find_discs
+from raytrace_jax.photo.photograph import Corners, Photograph
 from raytrace_jax.photo.sight import Sight
-from raytrace_jax.photo.through_glass import RADIUS
-
-REACH = 0.94
-"""Corners are measured within this share of the outline's radius: the rim is squashed and shows the room."""
-
-LEAST_SQUARE = 4.0
-"""The least pixels of a square's shorter side as it is seen through the glass; a patch of a smaller one is a blur."""
-
-MOST_ROUNDS, SETTLED = 12, 0.2
-"""Corners through the glass are looked for so often at most, or until no number of the ball moves by more than this
-share of its error."""
-
-MORE_SCATTER, LEAST_SCATTER = 3.0, 1e-4
-"""Corners through the glass may scatter so many times as much as those beside it, and in any case by this share of the
-picture's width. In a photograph that was cut, whose middle is not where the lens looked, it is 3.5 times and .0003."""
-
-LEAST_THROUGH = 8
-"""The fewest corners through the glass; they err, and tell four numbers."""
-
-BLURRED = 1.5
-"""Standard deviation of a blur in pixels from which on it is named where a photograph is refused."""
 
 
-class Located(NamedTuple):
-    """What the corners in a photograph say.
+@dataclass(frozen=True)
+class LocateOptions:
+    """Options of all stages from a photograph to camera, ball and index.
+
+    Args:
+        markers, camera, outline, ball: of these stages.
+        least_square: least pixels of a square's shorter side, seen through the glass; a patch of a smaller one is a
+            blur.
+        least_through: the fewest corners through the glass; they err, and tell four numbers.
+        max_rounds: corners through the glass are looked for so often at most.
+        more_scatter: corners through the glass may scatter so many times as much as those beside it. In a photograph
+            that was cut, whose middle is not where the lens looked, it is 3.5 times.
+        least_scatter: in any case they may scatter by this fraction of the picture's width.
+    """
+
+    markers: MarkerOptions = field(default_factory=MarkerOptions)
+    camera: CameraOptions = field(default_factory=CameraOptions)
+    outline: OutlineOptions = field(default_factory=OutlineOptions)
+    ball: BallOptions = field(default_factory=BallOptions)
+    least_square: float = 4.0
+    least_through: int = 8
+    max_rounds: int = 12
+    more_scatter: float = 3.0
+    least_scatter: float = 1e-4
+
+
+@dataclass(frozen=True)
+class Located(AdjustedView):
+    """What the corners in a photograph say, with the covariance from all photographs that were adjusted together.
 
     Args:
         board: what it shows.
         size: width and height of the photograph.
-        numbers: of the camera and the ball, in the board's frame, as `photo.bundle` has them.
-        covariance: of all these numbers, from all photographs that were adjusted together.
-        sigma: standard deviations of corners that are seen directly, and through the glass, in pixels.
-        direct, through: the corners that count.
         blur: standard deviation of the camera's blur, in pixels.
     """
 
     board: CharucoBoard
     size: tuple[int, int]
-    numbers: Float[np.ndarray, " numbers"]
-    covariance: Float[np.ndarray, "numbers numbers"]
-    sigma: tuple[float, float]
-    direct: Corners
-    through: Corners
     blur: float
 
     @property
     def sight(self) -> Sight:
         """What the photograph's pixels see."""
-        return Sight(self.numbers, self.size)
-
-    @property
-    def index(self) -> tuple[float, float]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The ball's index over the air's, and its standard deviation."""
-        return float(self.numbers[COUNT]), float(np.sqrt(self.covariance[COUNT, COUNT]))
+        return Sight(self.setup, self.size)
 
 
 @dataclass
-class Taken:
+class Diagnostics:
     """What was taken for what in a photograph that is refused, as far as that went.
 
     Args:
@@ -104,19 +87,19 @@ class Taken:
 class NotLocated(PictureError):
     """A photograph that tells no index; `taken` is what was taken for what."""
 
-    def __init__(self, words: str, taken: Taken):
+    def __init__(self, words: str, taken: Diagnostics):
         super().__init__(words)
         self.taken = taken
 
 
 class Together(NamedTuple):
-    """What photographs of one ball say together. They are told by their places in the list.
+    """What photographs of one ball say together, each by its place in the list.
 
     Args:
-        located: of each that shows the ball, with the numbers and the covariance that follow from all.
+        located: those that show the ball, with the numbers and the covariance that follow from all.
         alone: the index of each, and its standard deviation, with the lens of all and the corners of this one alone.
-        bare: those in which no ball is found, which tell of the lens, with the reason.
-        refused: those that are left out, with the reason.
+        bare: why no ball is found in those that only tell of the lens.
+        refused: why the others are left out.
         adjusted: the numbers of all in `located`, then of those in `bare`, with their covariance; None without a ball.
     """
 
@@ -128,10 +111,15 @@ class Together(NamedTuple):
 
 
 def locate(
-    photograph: Photograph, board: CharucoBoard, radius: tuple[float, float], lens: LensPrior, ball: Disc | None = None
+    photograph: Photograph,
+    board: CharucoBoard,
+    radius: tuple[float, float],
+    lens: LensPrior,
+    ball: Disc | None = None,
+    options: LocateOptions = LocateOptions(),
 ) -> Located:
     """As `locate_together`, of one photograph. Raises NotLocated."""
-    found = locate_together([photograph], board, radius, lens, ball)
+    found = locate_together([photograph], board, radius, lens, ball, options)
     if found.refused:
         raise found.refused[0]
     return found.located[0]
@@ -143,6 +131,7 @@ def locate_together(
     radius: tuple[float, float],
     lens: LensPrior,
     ball: Disc | None = None,
+    options: LocateOptions = LocateOptions(),
 ) -> Together:
     """Find cameras and ball from the board's corners, seen directly and through the glass.
 
@@ -163,32 +152,34 @@ def locate_together(
     Raises:
         PictureError: the photographs are not by one camera.
     """
-    size, several = one_size(photographs), len(photographs) > 1
-    turns = [Turn(size, photographs[0].orientation, one.orientation) for one in photographs]
-    taken = [Taken() for _ in photographs]
+    one_size(photographs)
+    first, several = photographs[0], len(photographs) > 1
+    taken = [Diagnostics() for _ in photographs]
     refused: dict[int, NotLocated] = {}
+    bare: dict[int, NotLocated] = {}
 
     # The cameras follow from the board beside the ball, and all tell of one lens.
     cameras: dict[int, FoundCamera] = {}
     for k, photograph in enumerate(photographs):
         try:
-            markers = find_markers(photograph.grey, board, photograph.name)
-            cameras[k] = find_camera(photograph, board, markers, turns[k].of(lens))
+            markers = find_markers(photograph, board, options.markers)
+            cameras[k] = find_camera(photograph, board, markers, first.turn_to(photograph).of(lens), options.camera)
         except PictureError as reason:
             refused[k] = _not_located(reason, photograph, board, taken[k])
     shared = lens
     if several and cameras:
-        places = list(cameras)
-        found = one_lens([photographs[k] for k in places], list(cameras.values()), turns[places[0]].of(lens))
-        cameras = dict(zip(places, found, strict=True))
-        shared = Turn(size, photographs[places[0]].orientation, photographs[0].orientation).of(found[0].lens)
+        pictures = [photographs[k] for k in cameras]
+        found = one_lens(pictures, list(cameras.values()), first.turn_to(pictures[0]).of(lens))
+        cameras = dict(zip(cameras, found, strict=True))
+        shared = pictures[0].turn_to(first).of(found[0].lens)
 
+    # The corners through the glass follow photograph by photograph.
     views: dict[int, PhotoView] = {}
     alone: dict[int, Adjusted] = {}
-    bare: dict[int, NotLocated] = {}
     for k, camera in cameras.items():
+        known_lens = first.turn_to(photographs[k]).of(shared)
         try:
-            views[k], alone[k] = _measured(photographs[k], board, camera, radius, turns[k].of(shared), ball, taken[k])
+            views[k], alone[k] = _measured(photographs[k], board, camera, radius, known_lens, ball, taken[k], options)
         except PictureError as reason:
             left_out = bare if several and isinstance(reason, NoBall) else refused
             left_out[k] = _not_located(reason, photographs[k], board, taken[k])
@@ -196,39 +187,26 @@ def locate_together(
         return Together({}, {}, bare, refused, None)
 
     # The last adjustment is of all; that of a single photograph is all there is.
-    first, joint = next(iter(views)), next(iter(alone.values()))
+    leading, joint = photographs[next(iter(views))], next(iter(alone.values()))
     if len(views) + len(bare) > 1:
         chosen = views | {k: cameras[k].view for k in bare}
-        turned = [
-            view._replace(turn=Turn(size, photographs[first].orientation, photographs[k].orientation))
-            for k, view in chosen.items()
-        ]
-        joint = adjust(turned, known_before(turns[first].of(lens), radius))
+        turned = [view._replace(turn=leading.turn_to(photographs[k])) for k, view in chosen.items()]
+        joint = adjust(turned, known_before(first.turn_to(leading).of(lens), radius), options.camera.adjustment)
     located = {
-        k: Located(
-            board,
-            photographs[k].size,
-            seen.numbers,
-            seen.covariance,
-            seen.sigma,
-            view.direct.where(seen.used[0]),
-            view.through.where(seen.used[1]),
-            cameras[k].blur,
-        )
-        for (k, view), seen in zip(views.items(), joint.views, strict=False)
+        k: Located(**vars(seen), board=board, size=photographs[k].size, blur=cameras[k].blur)
+        for k, seen in zip(views, joint.views, strict=False)
     }
-    indices = {k: (float(one.joint[COUNT]), float(np.sqrt(one.covariance[COUNT, COUNT]))) for k, one in alone.items()}
-    return Together(located, indices, bare, refused, joint)
+    return Together(located, {k: one.views[0].ior for k, one in alone.items()}, bare, refused, joint)
 
 
-def _not_located(reason: PictureError, photograph: Photograph, board: CharucoBoard, taken: Taken) -> NotLocated:
+def _not_located(reason: PictureError, photograph: Photograph, board: CharucoBoard, taken: Diagnostics) -> NotLocated:
     """A refusal, with where the ball was taken to be."""
     taken.markers, _ = markers_in(photograph.grey, board.dictionary)
     where = ""
     if taken.discs:
         what = "The ball was taken to be" if len(taken.discs) == 1 else "Several discs may be the ball, the clearest is"
         where = f" {what} at {taken.discs[0]}; --ball X Y R says where it is."
-    if taken.blur > BLURRED:
+    if taken.blur > 1.5:
         where += f" The picture is blurred by about {2.4 * taken.blur:.0f} pixels: hold the camera still, and focus."
     refusal = NotLocated(f"{reason}{where}", taken)
     refusal.__cause__ = reason
@@ -242,64 +220,67 @@ def _measured(
     radius: tuple[float, float],
     lens: LensPrior,
     ball: Disc | None,
-    taken: Taken,
+    taken: Diagnostics,
+    options: LocateOptions,
 ) -> tuple[PhotoView, Adjusted]:
     """A photograph's corners, and what they say; what is found on the way is written into `taken`."""
-    # Of the ball only the radius is known.
-    numbers, direct, blur = np.array(camera.view.numbers), camera.view.direct, camera.blur
-    numbers[COUNT + RADIUS], taken.direct, taken.blur = radius[0], direct, blur
-
     # The ball is where the board is hidden.
-    light, name = photograph.light, photograph.name
-    taken.discs = [ball] if ball else find_discs(light, board, numbers, blur, name)
-    numbers = find_ball(light, board, numbers, blur, name, taken.discs)
-    taken.discs = [Disc(*Sight(numbers, photograph.size).outline)]
+    taken.direct, taken.blur = camera.view.direct, camera.blur
+    setup = camera.view.setup._replace(radius=radius[0])
+    taken.discs = [ball] if ball else find_discs(photograph, board, setup, camera.blur, options.outline)
+    setup = find_ball(photograph, board, setup, camera.blur, taken.discs, options.ball)
+    taken.discs = [Disc(*Sight(setup, photograph.size).outline)]
 
     # Camera and ball are adjusted together to the corners seen directly and through the glass. A better ball says
     # better where these are, so that each round finds more of them.
-    known, scale = known_before(lens, radius), step_scales(numbers, radius, lens)
-    found, view = None, PhotoView(numbers, scale, photograph.size, direct, Corners.none())
-    for _ in range(MOST_ROUNDS):
-        taken.through = _corners_through(photograph, board, Sight(view.numbers, photograph.size), blur)
-        if len(taken.through.pixels) < LEAST_THROUGH:
+    view = camera.view._replace(setup=setup)
+    known, found = known_before(lens, radius), None
+    for _ in range(options.max_rounds):
+        sight = Sight(view.setup, photograph.size)
+        taken.through = _corners_through(photograph, board, sight, camera.blur, options)
+        if len(taken.through.pixels) < options.least_through:
             raise PictureError(
                 f"{photograph.name}: {len(taken.through.pixels)} corners of the board are found through the ball, and "
-                f"{LEAST_THROUGH} are wanted: photograph from nearer, use smaller squares, or put the "
+                f"{options.least_through} are wanted: photograph from nearer, use smaller squares, or put the "
                 "ball nearer to the board."
             )
-        found = adjust([view._replace(through=taken.through)], known)
-        moved, error = found.views[0].numbers - view.numbers, np.sqrt(np.diagonal(found.views[0].covariance))
-        view = view._replace(numbers=found.views[0].numbers, through=taken.through)
-        if np.all(np.abs(moved[BALL]) <= SETTLED * error[BALL]):
+        found = adjust([view._replace(through=taken.through)], known, options.camera.adjustment)
+        (seen,) = found.views
+        moved = np.abs(seen.setup.ball - view.setup.ball)
+        view = view._replace(setup=seen.setup, through=taken.through)
+        if np.all(moved <= 0.2 * seen.errors.ball):
             break
-    assert found is not None
-    numbers, sigma = view.numbers, found.views[0].sigma
+    assert found is not None, "there is a round"
+    taken.discs = [disc := Disc(*Sight(view.setup, photograph.size).outline)]
+    _check(photograph, disc, found.views[0].sigma, options)
+    return view, found
 
-    # What is wrong with the photograph shows in the result: a ball that is not all there, or corners that scatter.
-    taken.discs = [disc := Disc(*Sight(numbers, photograph.size).outline)]
+
+def _check(photograph: Photograph, disc: Disc, sigma: tuple[float, float], options: LocateOptions) -> None:
+    """Refuse what shows in the result to be wrong with a photograph: a ball that is cut off, corners that scatter."""
     if np.any(disc.center - disc.radius < 0) or np.any(disc.center + disc.radius > np.array(photograph.size)):
         raise PictureError(f"{photograph.name}: the ball reaches beyond the picture's border: photograph all of it.")
     width = photograph.size[0]
-    likely = max(MORE_SCATTER * sigma[0], LEAST_SCATTER * width)
-    if sigma[1] > min(LARGEST_SCATTER * width, likely):
+    likely = max(options.more_scatter * sigma[0], options.least_scatter * width)
+    if sigma[1] > min(options.camera.largest_scatter * width, likely):
         raise PictureError(
             f"{photograph.name}: the corners that are seen through the ball scatter by {sigma[1]:.2g} pixels, "
             f"and those beside it by {sigma[0]:.2g}: they are not what they are taken for. Put the ball so that "
             "more squares are seen through it, photograph from nearer, and see that its radius is right and the "
             "picture whole, as the camera took it."
         )
-    return view, found
 
 
-def _corners_through(photograph: Photograph, board: CharucoBoard, sight: Sight, blur: float) -> Corners:
+def _corners_through(
+    photograph: Photograph, board: CharucoBoard, sight: Sight, blur: float, options: LocateOptions
+) -> Corners:
     """The corners that are seen through the ball, by patches."""
 
     def see(pixels):
         seen = sight.through(pixels)
         return seen.place, seen.valid
 
-    expected, stretch, visible = sight.where_through(board.places, REACH, board.half)
-    chosen = visible & (stretch * board.square > LEAST_SQUARE)
-    found = align(photograph.light, board, board.places[chosen], expected[chosen], see, blur, rounds=1)
-    corners = Corners(found.pixels, board.places[chosen], found.spread)
-    return corners.where(found.good & (found.spread < LARGEST_SPREAD))
+    expected, stretch, visible = sight.where_through(board.places, board.half)
+    chosen = visible & (stretch * board.square > options.least_square)
+    places, patches = board.places[chosen], options.camera.alignment
+    return align(photograph.light, board, places, expected[chosen], see, blur, rounds=1, options=patches)

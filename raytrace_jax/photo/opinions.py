@@ -1,4 +1,4 @@
-"""What corners say of an index, what its error is made of, and what the light says beside them."""
+"""Index estimates from corners and from radiance, their budgets and agreement."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,30 +7,28 @@ import numpy as np
 
 from raytrace_jax.inverse.judge.assumptions import Contradiction, contradicted
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.photo.bundle import BALL, OWN, Adjusted
-from raytrace_jax.photo.cameras import COUNT, LENS
+from raytrace_jax.photo.bundle import Adjusted
+from raytrace_jax.photo.geometry import AT, COUNT
 from raytrace_jax.photo.locate import Located, Together
 from raytrace_jax.photo.room_scene import GLASS, UNCERTAIN, RoomScene
-from raytrace_jax.photo.through_glass import CENTER, INDEX, RADIUS
 
 AGREE = 3.0
 """Corners and light may differ by so many of their errors."""
-
 
 NAMES = (
     *("turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z"),
     *("fov", "k1", "k2", "principal_point.x", "principal_point.y"),
     *("index", "center.x", "center.y", "center.z", "radius"),
 )
-"""The numbers of a photograph, as `photo.bundle` has them."""
+"""The words for the numbers of a set-up, as it is raveled."""
 
 
 def told(located: Located) -> dict[str, object]:
     """What the corners of a photograph say, as plain values."""
     return {
-        "parameters": _parameters(located, [*range(BALL.start, BALL.stop), *range(LENS.start, LENS.stop)]),
+        "parameters": _parameters(located, [*AT.ball, *AT.lens]),
         "names": list(NAMES),
-        "numbers": located.numbers.tolist(),
+        "numbers": located.setup.vector.tolist(),
         "covariance": located.covariance.tolist(),
         "corners": {"direct": len(located.direct.pixels), "through": len(located.through.pixels)},
         "scatter": {"direct": located.sigma[0], "through": located.sigma[1]},
@@ -50,15 +48,13 @@ def told_together(together: Together, names: Sequence[str]) -> dict[str, object]
     if len(names) == 1:
         return told(together.located[0]) | made_of
     order = [names[k] for k in (*together.located, *together.bare)]
-    first, own = next(iter(together.located.values())), [NAMES[k] for k in OWN]
-    photographs: dict[str, dict[str, object]] = {
-        names[k]: told(one) | {"alone": dict(zip(("value", "error"), together.alone[k], strict=True))}
-        for k, one in together.located.items()
-    }
+    first, own = next(iter(together.located.values())), [NAMES[k] for k in AT.own]
+    alone = {k: dict(zip(("value", "error"), index, strict=True)) for k, index in together.alone.items()}
+    photographs = {names[k]: told(one) | {"alone": alone[k]} for k, one in together.located.items()}
     photographs |= {names[k]: {"no_ball": str(reason)} for k, reason in together.bare.items()}
     photographs |= {names[k]: {"refused": str(reason)} for k, reason in together.refused.items()}
     return {
-        "parameters": _parameters(first, [k for k in range(BALL.stop) if k not in OWN]),
+        "parameters": _parameters(first, [k for k in range(COUNT) if k not in AT.own]),
         "names": [
             *(f"{order[0]}: {name}" if name in own else name for name in NAMES),
             *(f"{photograph}: {name}" for photograph in order[1:] for name in own),
@@ -71,12 +67,8 @@ def told_together(together: Together, names: Sequence[str]) -> dict[str, object]
 
 def _parameters(located: Located, places: Sequence[int]) -> dict[str, dict[str, float]]:
     """Numbers and their errors by name."""
-    sure = np.sqrt(np.diagonal(located.covariance))
-    return {NAMES[k]: {"value": float(located.numbers[k]), "error": float(sure[k])} for k in places}
-
-
-UNLIKELY = 2.4
-"""Chi squared of index and centre, a degree of freedom, which one in twenty exceeds by chance."""
+    numbers, errors = located.setup.vector, located.errors.vector
+    return {NAMES[k]: {"value": float(numbers[k]), "error": float(errors[k])} for k in places}
 
 
 class Joined(NamedTuple):
@@ -102,11 +94,6 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
     `K = C H^T (H C H^T + N)^-1` (Kalman 1960): that of one least-squares problem whose rows are corners and pixels,
     but for what pixels tell of the camera beyond index and centre. Where these differ by more than chance makes likely,
     N is as much larger.
-
-    Args:
-        located: what the corners say.
-        room: the scene that was fitted.
-        result: the fit.
     """
     rows = [result.names.index(name) for name in GLASS]
     by_name = {one.name: one.sensitivity[rows] for one in result.check.assumptions}
@@ -114,12 +101,13 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
     observe = np.concatenate([np.eye(len(GLASS)), -moved], axis=1)
     noise = (result.uncertainty.covariance + result.check.structure)[np.ix_(rows, rows)]
     common = observe @ room.covariance @ observe.T
-    corners = np.array([located.numbers[BALL][INDEX], *located.numbers[BALL][CENTER]])
+    corners = np.array([located.setup.ior, *located.setup.center])
     off = result.value[rows] - corners
 
     excess = float(off @ np.linalg.solve(common + noise, off)) / len(GLASS)
     apart = float(abs(off[0]) / np.sqrt((common + noise)[0, 0]))
-    gain = room.covariance @ observe.T @ np.linalg.inv(common + noise * (excess if excess > UNLIKELY else 1.0))
+    # One in twenty exceeds this chi squared of index and centre, a degree of freedom, by chance.
+    gain = room.covariance @ observe.T @ np.linalg.inv(common + noise * (excess if excess > 2.4 else 1.0))
     index = float(corners[0] + gain[0] @ off)
     variance = float((room.covariance - gain @ observe @ room.covariance)[0, 0])
     return Joined((index, float(np.sqrt(variance))), apart, float(gain[0, 0]))
@@ -127,7 +115,7 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
 
 def contradictions(adjusted: Adjusted) -> tuple[Contradiction, ...]:
     """What was known before of lens and radius, and comes out otherwise."""
-    mean, root = adjusted.known
+    mean, root, _ = adjusted.known
     known = np.flatnonzero(root.any(axis=0))
     before = np.sqrt(np.diagonal(np.linalg.inv(root[:, known].T @ root[:, known])))
     after = np.sqrt(np.diagonal(adjusted.covariance))
@@ -171,13 +159,13 @@ class Budget(NamedTuple):
 def budget(adjusted: Adjusted) -> Budget:
     """The parts of the error of an adjusted index, which follows linearly from corners, lens and radius."""
     covariance, root = adjusted.covariance, adjusted.known.root
-    variance = covariance[COUNT, COUNT]
-    moved, of_radius = root @ covariance[COUNT], root[:, COUNT + RADIUS] != 0
+    variance = covariance[AT.ior, AT.ior]
+    moved, of_radius = root @ covariance[AT.ior], root[:, AT.radius] != 0
     radius, lens = (float(np.sum(moved[rows] ** 2)) for rows in (of_radius, ~of_radius))
 
-    def exact(places: list[int]) -> float:
+    def exact(places: Sequence[int]) -> float:
         """The index's variance if these numbers were known."""
-        across = covariance[COUNT, places]
+        across = covariance[AT.ior, places]
         return float(variance - across @ np.linalg.pinv(covariance[np.ix_(places, places)]) @ across)
 
     # In units of each number's error; the corners' precision is what is left of all precision.
@@ -186,6 +174,6 @@ def budget(adjusted: Adjusted) -> Budget:
     before = root[:, free] * spread[free]
     whole = np.linalg.pinv(covariance[np.ix_(free, free)] / np.outer(spread[free], spread[free]))
     more = np.linalg.pinv(4 * whole - 3 * before.T @ before)
-    fourfold = more[(place := int(np.flatnonzero(free == COUNT)[0])), place] * variance
-    parts = (radius, variance - radius - lens, lens, exact([COUNT + RADIUS]), exact([*range(LENS.start, LENS.stop)]))
+    fourfold = more[(place := int(np.flatnonzero(free == AT.ior)[0])), place] * variance
+    parts = (radius, variance - radius - lens, lens, exact([AT.radius]), exact([*AT.lens]))
     return Budget(*(float(np.sqrt(max(part, 0.0))) for part in (*parts, fourfold)))

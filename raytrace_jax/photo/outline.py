@@ -5,6 +5,7 @@ camera and the board allow; what it stands on, or what holds it, hides more of i
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,35 +14,32 @@ from scipy import ndimage, optimize
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.bundle import BALL
-from raytrace_jax.photo.grids import PixelGrid, offsets
+from raytrace_jax.photo.geometry import Setup
 from raytrace_jax.photo.light_field import fit_light_field
+from raytrace_jax.photo.photograph import Photograph, PixelGrid, offsets
 from raytrace_jax.photo.sight import Sight
-from raytrace_jax.photo.through_glass import RADIUS
 
-WIDTH = 480
-"""About how many pixels wide the picture is in which discs are looked for."""
 
-DIFFERS, HIDDEN, DARKEST = 0.3, 0.35, 0.4
-"""A pixel shows something else than the board where its brightness is off by more than this share of paper's; where so
-many of the pixels around differ, all is hidden: in a ball about half do. A shadow leaves the last share of light."""
+@dataclass(frozen=True)
+class OutlineOptions:
+    """Options of the search for discs.
 
-NEAREST = 0.5
-"""The ball's middle is this share of the board's distance away from the camera, or more."""
+    Args:
+        differs: a pixel shows something else than the board where its brightness is off by more than this fraction of
+            paper's.
+        hidden: where so many of the pixels around differ, all is hidden: in a ball about half do.
+        darkest: a shadow leaves this fraction of light.
+        nearest: the ball's centre is this fraction of the board's distance away from the camera, or more.
+        least_radius: in pixels of the reduced picture; nothing is seen through a smaller disc.
+        least_score: the inside of a disc is hidden by so much more than half of what is around it.
+    """
 
-LEAST_RADIUS = 9.0
-"""In pixels of the reduced picture; nothing is seen through a smaller disc."""
-
-GROWTH, STEP, LEAST_SCORE = 1.07, 0.15, 0.4
-"""Radii that are tried grow by the first factor, middles are this share of the least radius apart, and discs count
-whose inside is hidden by so much more than half of what is around them."""
-
-MOST = 6
-"""So many discs are told at most."""
-
-BORDER, LEAST_SEEN = 0.75, 8
-"""A disc ends where less than this share is hidden, for what is hidden was blurred; of the 32 directions in which that
-is looked for fewer than the second number do not tell a circle."""
+    differs: float = 0.3
+    hidden: float = 0.35
+    darkest: float = 0.4
+    nearest: float = 0.5
+    least_radius: float = 9.0
+    least_score: float = 0.4
 
 
 class NoBall(PictureError):
@@ -68,53 +66,43 @@ class Disc(NamedTuple):
 
 
 def find_discs(
-    light: Float[np.ndarray, "height width"],
-    board: CharucoBoard,
-    numbers: Float[np.ndarray, " numbers"],
-    blur: float,
-    name: str,
+    photograph: Photograph, board: CharucoBoard, setup: Setup, blur: float, options: OutlineOptions = OutlineOptions()
 ) -> list[Disc]:
     """Discs of the photograph that hide the board and are as large as the ball may be, the most distinct one first.
 
     Args:
-        light: the photograph, scene-linear.
-        board: what it shows.
-        numbers: the camera's, and the ball's radius.
+        setup: the camera, and the ball's radius.
         blur: standard deviation of the camera's blur in pixels.
-        name: of the photograph, for messages.
 
     Raises:
         PictureError: there is no disc, or a ball is too small in such a photograph.
     """
-    size = (light.shape[1], light.shape[0])
-    sight, grid = Sight(numbers, size), PixelGrid.of(size, max(1, round(size[0] / WIDTH)))
-    differs, known, square = _differs(light, board, sight, blur, grid)
-    hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / HIDDEN, 1)
+    name, size = photograph.name, photograph.size
+    sight, grid = Sight(setup, size), PixelGrid.of(size, max(1, round(size[0] / 480)))
+    differs, known, square = _differs(photograph.light, board, sight, blur, grid, options)
+    hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / options.hidden, 1)
 
     # All middles amid what is hidden are tried, with the radii that a ball can have there.
-    low, high = (radii.reshape(hidden.shape) / grid.binning for radii in _radii(sight, grid.pixels))
+    low, high = (radii.reshape(hidden.shape) / grid.binning for radii in _radii(sight, grid.pixels, options.nearest))
     least, largest = float(np.min(low[known > 0])), float(np.max(high[known > 0]))
-    if largest < LEAST_RADIUS:
+    if largest < options.least_radius:
         raise PictureError(
             f"{name}: a ball of this radius is {2 * largest * grid.binning:.0f} pixels wide at most before this board: "
             "photograph from nearer."
         )
-    amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * LEAST_SCORE
-    step = max(1, round(STEP * least))
+    amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * options.least_score
+    step = max(1, round(0.15 * least))
     row, column = (step * at for at in np.nonzero(amid[::step, ::step]))
-    count = int(np.ceil(np.log(float(np.max(high / low))) / np.log(GROWTH)))
-    growth = GROWTH ** np.arange(-1, count + 1)
+    count = int(np.ceil(np.log(float(np.max(high / low))) / np.log(1.07)))
+    growth = 1.07 ** np.arange(-1, count + 1)
     circles = np.concatenate([np.stack([column, row, low[row, column] * by], -1) for by in growth])
     circles = circles[circles[:, 2] < np.tile(high[row, column], len(growth))]
     scores = _scores(hidden * known, known, circles)
 
-    # The best one of each place is fitted to the ragged outline of what differs. Amid fingers that outline is not the
-    # ball's: there the circles count along which what is hidden ends in most directions.
-    order = circles[np.argsort(-scores)][: np.sum(scores > LEAST_SCORE)]
-    sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / HIDDEN, 1)
-    filled = [_fitted(one, sharp, known) for one in _distinct(order, 0.3, MOST)]
-    bordered = sorted((_bordered(one, sharp) for one in _distinct(order, 0.15, 2 * MOST)), key=lambda one: -one[0])
-    discs = _distinct([*_distinct(filled, 0.3, MOST), *(one for count, one in bordered[:3] if count)], 0.1, MOST)
+    # The best one of each place is fitted to the ragged outline of what differs.
+    order = circles[np.argsort(-scores)][: np.sum(scores > options.least_score)]
+    sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / options.hidden, 1)
+    discs = _distinct((_fitted(one, sharp, known) for one in _distinct(order, 0.3)), 0.1)
     if not discs:
         raise NoBall(
             f"{name}: there is no ball before the board: nothing hides it in a disc of a radius of "
@@ -127,26 +115,26 @@ def find_discs(
     return [Disc(one[:2] * grid.binning + first, float(one[2] * grid.binning)) for one in discs]
 
 
-def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"]):
+def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"], nearest: float):
     """The least and the largest radius of a ball's outline about pixels: on the board, and nearest to the camera."""
     place, _ = sight.directly(pixels)
     away = np.linalg.norm(np.pad(place, ((0, 0), (0, 1))) - sight.viewpoint, axis=1)
-    radius = sight.numbers[BALL][RADIUS]
-    shares = max(1 - radius / sight.viewpoint[2], NEAREST), NEAREST
+    radius = sight.setup.radius
+    fractions = max(1 - radius / sight.viewpoint[2], nearest), nearest
     return [
-        sight.focal_at(pixels) * radius / np.sqrt(np.maximum((away * share) ** 2 - radius**2, 1e-9)) for share in shares
+        sight.focal_at(pixels) * radius / np.sqrt(np.maximum((away * at) ** 2 - radius**2, 1e-9)) for at in fractions
     ]
 
 
-def _distinct(circles: Iterable[Float[np.ndarray, "3"]], apart: float, most: int) -> list[Float[np.ndarray, "3"]]:
-    """The first of circles, of which no two have middles and radii nearer to each other than that share of a radius."""
+def _distinct(circles: Iterable[Float[np.ndarray, "3"]], apart: float) -> list[Float[np.ndarray, "3"]]:
+    """The first six circles, of which no two have middles and radii nearer to each other than so much of a radius."""
     kept: list[np.ndarray] = []
     for circle in circles:
         is_new = all(
             np.hypot(*(circle[:2] - one[:2])) > apart * one[2] or abs(np.log(circle[2] / one[2])) > apart
             for one in kept
         )
-        if is_new and len(kept) < most:
+        if is_new and len(kept) < 6:
             kept.append(circle)
     return kept
 
@@ -180,35 +168,6 @@ def _fitted(circle: Float[np.ndarray, "3"], hidden, known) -> Float[np.ndarray, 
     return circle
 
 
-def _bordered(
-    circle: Float[np.ndarray, "3"], hidden: Float[np.ndarray, "height width"]
-) -> tuple[int, Float[np.ndarray, "3"]]:
-    """The circle nearby at which most of what is hidden ends, and in how many directions it does.
-
-    Along each direction the end that is nearest to the circle counts. A post or a hand has none nearby, or one that is
-    an outlier to the others: the circle is told by what is left, be it half of all directions.
-    """
-    shares, count = np.arange(0.8, 1.25, 0.01), 0
-    for _ in range(4):
-        # The ends: hidden here, and no more at the next step outwards.
-        places = circle[:2] + circle[2] * shares[:, None, None] * TOWARD
-        is_hidden = ndimage.map_coordinates(hidden, np.moveaxis(places, -1, 0)[::-1], order=1) > BORDER
-        ends = is_hidden[:-1] & ~is_hidden[1:]
-        off = np.where(ends, np.abs(shares[:-1, None] + 0.005 - 1), np.inf)
-        nearest, side = np.argmin(off, axis=0), np.arange(len(TOWARD))
-        seen = np.isfinite(off[nearest, side])
-        if np.sum(seen) < LEAST_SEEN:
-            return 0, circle
-        border = (places[nearest, side] + places[nearest + 1, side])[seen] / 2
-
-        def misses(x: Float[np.ndarray, "3"], border=border, scale=0.03 * circle[2]):
-            return (np.hypot(*(border - x[:2]).T) - x[2]) / scale
-
-        found = optimize.least_squares(misses, circle, loss="cauchy")
-        circle, count = found.x, int(np.sum(np.abs(misses(found.x)) < 1))
-    return count, circle
-
-
 def _scores(
     hidden: Float[np.ndarray, "height width"], known: np.ndarray, circles: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, " n"]:
@@ -229,7 +188,7 @@ def _scores(
     return (inside * INSIDE).sum(axis=(1, 2)) / area - around.mean(axis=1)
 
 
-def _differs(light, board: CharucoBoard, sight: Sight, blur: float, grid: PixelGrid):
+def _differs(light, board: CharucoBoard, sight: Sight, blur: float, grid: PixelGrid, options: OutlineOptions):
     """Which pixels show something else than the board in the light that lies on it, which see it, a square's side."""
     seen, expected = _expected(sight, board, grid, blur)
     known = np.isfinite(expected)
@@ -247,9 +206,9 @@ def _differs(light, board: CharucoBoard, sight: Sight, blur: float, grid: PixelG
     across = sight.where(np.array([[-board.square / 2, 0], [board.square / 2, 0]]))
     square = float(np.linalg.norm(across[1] - across[0])) / grid.binning
     product, squared = (ndimage.gaussian_filter(known * one * wanted, square) for one in (divided, wanted))
-    nearby = np.clip(product / np.maximum(squared, 1e-6), DARKEST, 1)
+    nearby = np.clip(product / np.maximum(squared, 1e-6), options.darkest, 1)
     off = np.minimum(np.abs(divided - wanted), np.abs(divided / nearby - wanted))
-    return known * (off > DIFFERS), known, square
+    return known * (off > options.differs), known, square
 
 
 def _expected(sight: Sight, board: CharucoBoard, grid: PixelGrid, blur: float):

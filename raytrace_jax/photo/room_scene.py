@@ -9,12 +9,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.photo.bundle import BALL
-from raytrace_jax.photo.cameras import FOV, K1, K2, principal_point, rotation, viewpoint
 from raytrace_jax.photo.flattened import Flattened
-from raytrace_jax.photo.grids import PixelGrid
+from raytrace_jax.photo.geometry import Setup, camera_of, principal_point
 from raytrace_jax.photo.locate import Located
-from raytrace_jax.photo.through_glass import CENTER, INDEX, RADIUS
+from raytrace_jax.photo.photograph import PixelGrid
 from raytrace_jax.scene import build
 from raytrace_jax.scene.build import make_scene
 from raytrace_jax.scene.scene import Scene
@@ -29,13 +27,8 @@ UNCERTAIN = (
 )
 """Parameters that corners and ruler have told; their errors and the correlations of these are known."""
 
-
 GLASS = ("ball.ior", *(f"ball.center.{axis}" for axis in "xyz"))
 """What corners and light both tell."""
-
-BOUNCES = 4
-"""The longest path. What is left out has been reflected within the ball three times: of the light of a glass of 1.8 it
-is 6e-4, of one of 1.5 6e-5."""
 
 
 class RoomScene(NamedTuple):
@@ -71,40 +64,35 @@ def light_options(room: RoomScene) -> FitOptions:
 
 
 def room_scene(located: Located, flat: Flattened) -> RoomScene:
-    """The scene of a flattened photograph, in the board's frame and unit of length.
-
-    Args:
-        located: camera and ball.
-        flat: the photograph without the light of its room.
-
-    Returns:
-        The scene, and how well the numbers are known that a fit leaves as they are.
-    """
-    board, grid, ball = located.board, flat.grid, located.numbers[BALL]
-    eye = {name: np.asarray(x) for name, x in _eye(jnp.asarray(located.numbers), located.size, grid).items()}
-    # The board shines by itself, for the photograph was divided by the light on it.
+    """The scene of a flattened photograph, in the board's frame and unit of length."""
+    board, grid, setup = located.board, flat.grid, located.setup
+    vector = jnp.asarray(setup.vector)
+    eye = {name: np.asarray(x) for name, x in _eye(Setup.of(vector), located.size, grid).items()}
+    # The board shines by itself, for the photograph was divided by the light on it. Light that has been reflected
+    # within the ball three times is left out: of a glass of 1.8 it is 6e-4, of one of 1.5 6e-5.
     scene = make_scene(
-        build.settings("main", model="physical", mapping="center", max_bounces=BOUNCES),
+        build.settings("main", model="physical", mapping="center", max_bounces=4),
         build.camera("eye", pixeldim=grid.size, **eye),
         build.background("sky", radiance=(0.05, 0.05, 0.05)),
         build.film("film", blur=max(located.blur / grid.binning, 0.2)),
         build.texture("print", kind="image", file=_texture(located, flat)),
         build.material("paper", emission=(1, 1, 1), texture="print"),
-        build.material("glass", transmission=1, ior=float(ball[INDEX])),
+        build.material("glass", transmission=1, ior=float(setup.ior)),
         build.rectangle(
             "board", material="paper", center=(0, 0, 0), right=(board.half[0], 0, 0), up=(0, board.half[1], 0)
         ),
-        build.sphere("ball", material="glass", center=ball[CENTER], radius=float(ball[RADIUS])),
+        build.sphere("ball", material="glass", center=setup.center, radius=float(setup.radius)),
     )
 
     # The covariance of the scene's numbers, from that of camera and ball.
-    def told(numbers):
-        eye, ball = _eye(numbers, located.size, grid), numbers[BALL]
-        camera = [eye["viewpoint"], eye["lookat"], eye["fov"][None], eye["distortion"], eye["center"]]
-        return jnp.concatenate([ball[INDEX, None], ball[CENTER], *camera, ball[RADIUS, None]])
+    def of_scene(vector):
+        setup = Setup.of(vector)
+        eye = _eye(setup, located.size, grid)
+        camera = [eye[name] for name in ("viewpoint", "lookat", "fov", "distortion", "center")]
+        return jnp.hstack([setup.ior, setup.center, *camera, setup.radius])
 
     # What is held still in the fit, with its errors and their correlations.
-    slope = np.asarray(jax.jacfwd(told)(jnp.asarray(located.numbers)))
+    slope = np.asarray(jax.jacfwd(of_scene)(vector))
     whole = slope @ located.covariance @ slope.T
     covariance = whole[len(GLASS) :, len(GLASS) :]
     spread = np.sqrt(np.diagonal(covariance))
@@ -117,18 +105,17 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
     return RoomScene(scene, uncertain, pairs, whole)
 
 
-def _eye(numbers, size: tuple[int, int], grid: PixelGrid) -> dict[str, Float[Array, "..."]]:
-    """The camera of the cut and binned picture, as a scene says it; it looks as far as to the board's middle now."""
-    turn, at = rotation(numbers[:3]), viewpoint(numbers)
-    distance = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(numbers[3:6] ** 2)))
-    reach = jnp.tan(jnp.deg2rad(numbers[FOV]) / 2) * (grid.size[0] * grid.binning / size[0])
+def _eye(setup: Setup, size: tuple[int, int], grid: PixelGrid) -> dict[str, Float[Array, "..."]]:
+    """The camera of the cut and binned picture, as a scene says it."""
+    camera = camera_of(setup)
+    reach = jnp.tan(jnp.deg2rad(setup.fov) / 2) * (grid.size[0] * grid.binning / size[0])
     return {
-        "viewpoint": at,
-        "lookat": at + distance * turn[2],
-        "up": -turn[1],
+        "viewpoint": camera.viewpoint,
+        "lookat": camera.lookat,
+        "up": camera.up,
         "fov": jnp.rad2deg(2 * jnp.arctan(reach)),
-        "center": (principal_point(numbers, size) - np.array(grid.left, float) + 0.5) / grid.binning - 0.5,
-        "distortion": numbers[K1 : K2 + 1],
+        "center": (principal_point(setup, size) - np.array(grid.left, float) + 0.5) / grid.binning - 0.5,
+        "distortion": camera.distortion,
     }
 
 

@@ -11,11 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from raytrace_jax.inverse.judge.assumptions import Contradiction
-from raytrace_jax.photo.bundle import Corners
-from raytrace_jax.photo.flattened import AROUND, Flattened
-from raytrace_jax.photo.grids import PixelGrid
-from raytrace_jax.photo.locate import Located, Taken
+from raytrace_jax.photo.flattened import Flattened, FlattenOptions
+from raytrace_jax.photo.locate import Diagnostics, Located
 from raytrace_jax.photo.outline import Disc
+from raytrace_jax.photo.photograph import Corners, PixelGrid
 from raytrace_jax.report.fit_report.summary import estimate_line
 from raytrace_jax.report.panels import SIGNED, letter_panels, remove_ticks
 
@@ -48,13 +47,13 @@ def draw_photo_sheet(
             axes[name].set_visible(False)
     remove_ticks(axes[name] for name in "abde")
     letter_panels(axes[name] for name in "abcde")
-    title = [f"index from the corners: {estimate_line(*located.index, long)}"]
+    title = [f"index from the corners: {estimate_line(*located.ior, long)}"]
     title += [f"contradicted: {one.words}" for one in otherwise]
     figure.suptitle("\n".join(title), fontsize=12, color="#b00020" if otherwise else "black")
     return figure
 
 
-def draw_refused(image: Float[np.ndarray, "3 height width"], taken: Taken, why: str) -> Figure:
+def draw_refused(image: Float[np.ndarray, "3 height width"], taken: Diagnostics, why: str) -> Figure:
     """Draw a scene-linear photograph that tells no index, with what was taken for what in it, and say why."""
     figure = Figure(figsize=(13.0, 5.6), dpi=130, layout="constrained")
     axes = figure.subplot_mosaic("aab" if taken.discs else "a")
@@ -84,7 +83,7 @@ def _draw_taken(axes: dict[str, Axes], image: np.ndarray, direct: Corners, throu
             ax.add_patch(Circle(tuple(center), radius, fill=False, color=OUTLINE, linewidth=1.0, linestyle=style))
     if discs:
         size = (image.shape[2], image.shape[1])
-        seen = PixelGrid.of(size, 1).around(discs[0].center, AROUND * discs[0].radius).window
+        seen = PixelGrid.of(size, 1).around(discs[0].center, FlattenOptions().around * discs[0].radius).window
         axes["a"].add_patch(Rectangle(seen[:2], *seen[2:], fill=False, color=OUTLINE, linewidth=0.7, linestyle=":"))
         axes["b"].set(xlim=(seen[0], seen[0] + seen[2]), ylim=(seen[1] + seen[3], seen[1]))
 

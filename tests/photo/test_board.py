@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 import pytest
 from command_line import run
+from photographed_boards import PATTERN, charuco, write_board
 from PIL import Image
 
 from raytrace_jax import RaytraceError, load_scene
 from raytrace_jax.photo.board_pattern import Pattern
-from raytrace_jax.photo.opencv import opencv
+from raytrace_jax.photo.boards import opencv, read_board
 from raytrace_jax.report import board_sheet
 from raytrace_jax.util.text import PAPERS, millimetres, with_tolerance
 
@@ -229,3 +230,75 @@ def test_tolerances_are_read(text):
 def test_what_is_no_length_is_refused(read, text, words):
     with pytest.raises(RaytraceError, match=words):
         read(text)
+
+
+def test_a_board_that_is_read_has_its_markers_and_corners_where_the_pattern_has_them(board):
+    assert board.dictionary == PATTERN.dictionary and board.square == pytest.approx(PATTERN.square, rel=1e-3)
+    np.testing.assert_allclose(board.half, [70, 50])
+    assert set(board.ids.tolist()) == set(range(PATTERN.markers))
+    white = [(row, column) for row in range(PATTERN.rows) for column in range(PATTERN.columns) if (row + column) % 2]
+    low, high = 0.15, 0.85
+    for number, corners in zip(board.ids, board.markers, strict=True):
+        row, column = white[number]
+        wanted = np.array([(column + x, row + y) for x, y in [(low, low), (high, low), (high, high), (low, high)]])
+        # OpenCV finds whole pixels without refinement, and one pixel of the texture is 0.125 mm.
+        np.testing.assert_allclose(corners, (wanted * PATTERN.square - board.half) * [1, -1], atol=0.01)
+    inner = [(10 * x - 70, 10 * y - 50) for x in range(1, PATTERN.columns) for y in range(1, PATTERN.rows)]
+    assert len(board.corners) == len(inner)
+    order = np.lexsort(np.round(board.corners).T)
+    np.testing.assert_allclose(board.corners[order], sorted(inner, key=lambda at: (at[1], at[0])), atol=0.01)
+    # Squares begin with a black one at the upper left; beyond the border there is nothing.
+    np.testing.assert_array_equal(
+        board.brightness(np.array([[-69.5, 49.5], [-59.5, 49.5], [-70.5, 0]])), [0, 1, np.nan]
+    )
+
+
+def test_a_file_without_a_board_is_refused(tmp_path):
+    (tmp_path / "ball.txt").write_text(
+        "material glass { emission 1 1 1 } sphere a { material glass center 0 0 0 radius 1 }"
+    )
+    with pytest.raises(RaytraceError, match=r"ball\.txt: has 0 pictures and 0 rectangles.*raytrace-jax board"):
+        read_board(tmp_path / "ball.txt")
+    path = write_board(tmp_path)
+    Image.fromarray(np.full((80, 112), 255, np.uint8)).save(tmp_path / "board_texture.png")
+    with pytest.raises(RaytraceError, match=r"board\.txt: its picture shows 0 markers.*raytrace-jax board"):
+        read_board(path)
+    path.write_text(path.read_text().replace("board_texture", "gone_texture"))
+    with pytest.raises(RaytraceError, match="gone_texture"):
+        read_board(path)
+
+
+def grid_of_markers():
+    """OpenCV's picture of a board of markers without squares."""
+    board = cv2.aruco.GridBoard((6, 4), 30.0, 10.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    return board.generateImage((680, 460), marginSize=20)
+
+
+@pytest.mark.fast_cases(1)
+@pytest.mark.parametrize(
+    ("picture", "words"),
+    [
+        (charuco(8, 6, "DICT_APRILTAG_36h11"), r"0 markers of the sets that are read, DICT_4X4.* 24 of .*LTAG_36h11, "),
+        (charuco(8, 6, "DICT_ARUCO_ORIGINAL"), "24 of DICT_ARUCO_ORIGINAL, which is none of these"),
+        (grid_of_markers(), "24 markers of DICT_4X4_1000 that no squares lie between: it is no ChArUco board"),
+        (charuco(5, 4, "DICT_5X5_50"), "too small: 12 corners lie between the squares of its 10 markers, and 20 are"),
+    ],
+)
+def test_a_board_that_cannot_be_used_says_why(picture, words, tmp_path):
+    path = write_board(tmp_path)
+    Image.fromarray(picture).save(tmp_path / "board_texture.png")
+    height, width = picture.shape
+    path.write_text(
+        "texture t { kind image file board_texture.png transfer course filter nearest }"
+        "material p { emission 1 1 1 texture t }"
+        f"rectangle b {{ material p center 0 0 0 right {width} 0 0 up 0 {height} 0 }}"
+    )
+    with pytest.raises(RaytraceError, match=rf"board\.txt: .*{words}"):
+        read_board(path)
+
+
+def test_a_board_that_is_stretched_is_refused(tmp_path):
+    path = write_board(tmp_path)
+    path.write_text(path.read_text().replace("right 70 ", "right 80 "))
+    with pytest.raises(RaytraceError, match=r"markers would be 8 wide and 7 high: the rectangle has other proportions"):
+        read_board(path)

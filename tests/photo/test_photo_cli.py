@@ -14,10 +14,12 @@ from PIL import Image
 from raytrace_jax import PictureError
 from raytrace_jax.images.transfer import DECODERS
 from raytrace_jax.photo.board_pattern import Pattern
-from raytrace_jax.photo.bundle import Corners, Known
+from raytrace_jax.photo.bundle import Known
+from raytrace_jax.photo.geometry import AT, Setup
 from raytrace_jax.photo.lens import LensPrior, write_lens
-from raytrace_jax.photo.locate import NotLocated, Taken, Together
+from raytrace_jax.photo.locate import Diagnostics, Located, NotLocated, Together
 from raytrace_jax.photo.outline import Disc
+from raytrace_jax.photo.photograph import Corners
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
 from raytrace_jax.report.photo_sheet import draw_refused
 
@@ -70,7 +72,7 @@ def test_bad_input_is_one_message_before_the_work(code, arguments, words, folder
     def never(*_, **__):
         raise AssertionError("work has begun")
 
-    for work in ("cli.actions.photo.locate_together", "cli.actions.photo.fit", "photo.calibrate.find_camera"):
+    for work in ("cli.actions.photo.locate_together", "cli.actions.photo.fit", "photo.find_camera.find_camera"):
         monkeypatch.setattr(f"raytrace_jax.{work}", never)
     before = sorted(folder.rglob("*"))
     # tyro takes the last of an option that is given twice.
@@ -106,10 +108,17 @@ def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, 
     assert "--radius has" not in warned
 
 
+def located_at(numbers, error):
+    """What is located by no corners."""
+    none = Corners.none()
+    adjusted = Setup.of(numbers), error**2 * np.eye(16), (0.0, 0.0), none, none
+    return Located(*adjusted, None, (48, 32), 0.0)  # pyright: ignore
+
+
 def corners_say(monkeypatch, known):
     """Corners that say half more than its place of each number, and what the sheets are drawn with."""
-    located = SimpleNamespace(numbers=np.arange(16) + 0.5, covariance=0.012**2 * np.eye(16))
-    adjusted = SimpleNamespace(joint=located.numbers, covariance=located.covariance, known=known)
+    located = located_at(AT.vector + 0.5, 0.012)
+    adjusted = SimpleNamespace(joint=located.setup.vector, covariance=located.covariance, known=known)
     together = Together({0: located}, {}, {}, {}, adjusted)  # pyright: ignore
     drawn = []
 
@@ -131,7 +140,7 @@ def corners_say(monkeypatch, known):
 
 
 def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatch, capsys):
-    drawn = corners_say(monkeypatch, Known(np.zeros(16), np.zeros((0, 16))))
+    drawn = corners_say(monkeypatch, Known(np.zeros(16), np.zeros((0, 16)), np.zeros(16)))
     assert run(*BALL) == 0
     captured = capsys.readouterr()
     rows = [line.split("  ") for line in captured.out.splitlines()]
@@ -153,7 +162,7 @@ def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatc
 def test_what_was_stated_and_comes_out_otherwise_is_told_first(folder, monkeypatch, capsys):
     mean, root = np.full(16, 6.5), np.zeros((2, 16))
     mean[15], root[0, 6], root[1, 15] = 15.9, 50, 1 / 0.02  # The angle of view is 6.5, and the radius 15.5.
-    drawn = corners_say(monkeypatch, Known(mean, root))
+    drawn = corners_say(monkeypatch, Known(mean, root, np.zeros(16)))
     assert run(*BALL) == 3
     captured = capsys.readouterr()
     words = (
@@ -228,13 +237,13 @@ def test_a_refusal_writes_its_sheet_and_leaves_no_numbers_of_an_earlier_one(fold
 def test_the_sheet_of_a_refusal_shows_what_was_taken_for_what():
     corners = Corners(np.full((3, 2), 20.0), np.zeros((3, 2)), np.ones(3))
     discs = [Disc(np.array([30.0, 20.0]), 8.0), Disc(np.array([10.0, 20.0]), 9.0)]
-    taken = Taken(np.zeros((5, 4, 2)), corners, corners.where(np.array([True, False, True])), discs)
+    taken = Diagnostics(np.zeros((5, 4, 2)), corners, corners.where(np.array([True, False, True])), discs)
     figure = draw_refused(np.full((3, 40, 60), 0.5), taken, "because " * 60)
     titles = [ax.get_title() for ax in figure.axes]
     assert "5 markers" in titles[0] and "3 corners of the board" in titles[0]
     assert "2 discs taken for the ball, 2 corners through it" in titles[1]
     assert sum(isinstance(one, Circle) for one in figure.axes[0].patches) == 2
-    bare = draw_refused(np.full((3, 40, 60), 0.5), Taken(), "It is grey.")
+    bare = draw_refused(np.full((3, 40, 60), 0.5), Diagnostics(), "It is grey.")
     assert len(bare.axes) == 1 and "0 markers" in bare.axes[0].get_title()
 
 
@@ -280,9 +289,8 @@ def test_exif_that_the_board_contradicts_is_named_and_not_believed(fails, folder
     def locate(_, __, ___, lens, ____):
         asked.append(lens)
         if np.isfinite(lens.covariance[0, 0]) and fails:
-            return Together({}, {}, {}, {0: NotLocated("nothing fits", Taken())}, None)
-        located = SimpleNamespace(numbers=numbers, covariance=0.3**2 * np.eye(16))
-        return Together({0: located}, {}, {}, {}, None)
+            return Together({}, {}, {}, {0: NotLocated("nothing fits", Diagnostics())}, None)
+        return Together({0: located_at(numbers, 0.3)}, {}, {}, {}, None)
 
     def done(*_):
         raise PictureError("seen enough")

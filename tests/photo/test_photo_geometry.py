@@ -8,22 +8,25 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from raytrace_jax import RaytraceError
-from raytrace_jax.images.exif import BACK, TURNS
-from raytrace_jax.photo.cameras import (
-    COUNT,
-    directions,
+from raytrace_jax.images.exif import TURNS
+from raytrace_jax.photo.geometry import (
+    LOST,
+    Setup,
+    camera_of,
     focal_length,
+    local_map,
+    misses,
     on_board,
+    pixel_rays,
     principal_point,
     project,
-    rotation,
-    viewpoint,
+    rotation_matrix,
+    see_through,
 )
-from raytrace_jax.photo.grids import PixelGrid
-from raytrace_jax.photo.lens import LensPrior, read_lens, turned, uncalibrated, write_lens
+from raytrace_jax.photo.lens import LensPrior, Turn, read_lens, uncalibrated, write_lens
 from raytrace_jax.photo.light_field import fit_light_field
+from raytrace_jax.photo.photograph import PixelGrid
 from raytrace_jax.photo.sight import Sight
-from raytrace_jax.photo.through_glass import LOST, local_map, misses, see_through
 
 SIZE = (640, 480)
 POSE = [np.pi - 0.15, 0.12, -0.2, 6.0, -4.0, 260.0]
@@ -33,13 +36,8 @@ MIDDLE = np.array([319.5, 239.5])
 NO_LENS = LENSES[0]
 
 
-def camera_of(lens=NO_LENS, pose=POSE, fov=35.0):
-    return jnp.array([*pose, fov, *lens])
-
-
-def down_the_axis(height, fov=35.0):
-    """A camera above the board's middle that looks straight down: half a turn about x."""
-    return jnp.array([np.pi, 0.0, 0.0, 0.0, 0.0, height, fov, *NO_LENS])
+def setup_of(lens=NO_LENS, ball=BALL, pose=POSE):
+    return Setup.of(jnp.array([*pose, 35.0, *lens, *ball]))
 
 
 def numeric(function, x, step):
@@ -58,7 +56,7 @@ def test_a_rotation_vector_means_what_scipy_has_it_mean():
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     angles = np.array([0, 1e-9, 0.9e-6, 1.1e-6, 1e-3, 1.0, np.pi, 5.0])
     vectors = jnp.asarray(axes * angles[:, None])
-    found = jax.jit(jax.vmap(rotation))(vectors)
+    found = jax.jit(jax.vmap(rotation_matrix))(vectors)
     np.testing.assert_allclose(found, Rotation.from_rotvec(np.array(vectors)).as_matrix(), atol=1e-14)
 
 
@@ -67,50 +65,50 @@ def test_a_rotation_s_derivative_is_right_also_at_0():
     wanted = np.zeros((3, 3, 3))
     for k in range(3):
         wanted[:, :, k] = np.cross(np.eye(3)[k], np.eye(3)).T
-    for derivative in (jax.jacfwd(rotation), jax.jacrev(rotation)):
+    for derivative in (jax.jacfwd(rotation_matrix), jax.jacrev(rotation_matrix)):
         np.testing.assert_allclose(derivative(jnp.zeros(3)), wanted, atol=1e-15)
     # Just beside the change from series to sine and cosine: the second derivative, 1, times what the angle is.
-    np.testing.assert_allclose(jax.jacfwd(rotation)(jnp.array([1.1e-6, 0.0, 0.0])), wanted, atol=3e-6)
+    np.testing.assert_allclose(jax.jacfwd(rotation_matrix)(jnp.array([1.1e-6, 0.0, 0.0])), wanted, atol=3e-6)
     large = np.array([0.4, -1.0, 0.7])
-    by_steps = numeric(lambda x: rotation(jnp.asarray(x)), large, [1e-5] * 3)
-    np.testing.assert_allclose(jax.jacfwd(rotation)(jnp.asarray(large)), by_steps, atol=1e-9)
+    by_steps = numeric(lambda x: rotation_matrix(jnp.asarray(x)), large, [1e-5] * 3)
+    np.testing.assert_allclose(jax.jacfwd(rotation_matrix)(jnp.asarray(large)), by_steps, atol=1e-9)
 
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_points_are_projected_as_opencv_projects_them(lens):
-    camera = camera_of(lens)
+    setup = setup_of(lens)
     points = np.random.default_rng(1).uniform([-80, -60, 0], [80, 60, 90], (200, 3))
     focal = SIZE[0] / (2 * np.tan(np.radians(35.0) / 2))
     across, down = MIDDLE + SIZE[0] * np.array(lens[2:])
     matrix = np.array([[focal, 0, across], [0, focal, down], [0, 0, 1]])
-    numbers = np.asarray(camera)
-    wanted, _ = cv2.projectPoints(points, numbers[:3], numbers[3:6], matrix, np.array([*lens[:2], 0.0, 0.0]))
-    np.testing.assert_allclose(project(camera, SIZE, jnp.asarray(points)), wanted[:, 0], atol=1e-8)
+    pose = np.array(POSE)
+    wanted, _ = cv2.projectPoints(points, pose[:3], pose[3:], matrix, np.array([*lens[:2], 0.0, 0.0]))
+    np.testing.assert_allclose(project(setup, SIZE, jnp.asarray(points)), wanted[:, 0], atol=1e-8)
 
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_a_pixel_s_ray_meets_what_is_projected_into_it(lens):
-    camera = camera_of(lens)
+    setup = setup_of(lens)
     rng = np.random.default_rng(2)
     pixels = jnp.asarray(rng.uniform([-0.5, -0.5], np.array(SIZE) - 0.5, (300, 2)))
-    toward = directions(camera, SIZE, pixels)
-    np.testing.assert_allclose(jnp.linalg.norm(toward, axis=1), 1, atol=1e-14)
-    along = jnp.asarray(rng.uniform(50, 400, (300, 1)))
-    np.testing.assert_allclose(project(camera, SIZE, viewpoint(camera) + along * toward), pixels, atol=1e-9)
-    place, distance = on_board(jnp.broadcast_to(viewpoint(camera), toward.shape), toward)
+    origin, toward = pixel_rays(setup, SIZE, pixels)
+    np.testing.assert_allclose(jnp.linalg.norm(toward, axis=0), 1, atol=1e-14)
+    along = jnp.asarray(rng.uniform(50, 400, 300))
+    np.testing.assert_allclose(project(setup, SIZE, (origin + along * toward).T), pixels, atol=1e-9)
+    place, distance = on_board(origin, toward)
     assert np.all(distance > 0)
     flat = jnp.concatenate([place, jnp.zeros((300, 1))], axis=1)
-    np.testing.assert_allclose(project(camera, SIZE, flat), pixels, atol=1e-9)
+    np.testing.assert_allclose(project(setup, SIZE, flat), pixels, atol=1e-9)
 
 
 def test_rays_away_from_the_board_meet_nothing():
-    origin = jnp.array([[0.0, 0, 10]] * 3)
-    _, distance = on_board(origin, jnp.array([[0.0, 0, 1], [1.0, 0, 0], [0.0, 0, -1]]))
+    origin = jnp.array([[0.0, 0, 10]] * 3).T
+    _, distance = on_board(origin, jnp.array([[0.0, 0, 1], [1.0, 0, 0], [0.0, 0, -1]]).T)
     np.testing.assert_array_equal(distance, [-1, -1, 10])
 
 
 def test_what_a_sight_sees_directly_is_where_the_camera_s_projection_has_it():
-    sight = Sight(np.concatenate([camera_of(LENSES[1]), BALL]), SIZE)
+    sight = Sight(setup_of(LENSES[1]), SIZE)
     places = np.random.default_rng(3).uniform(-50, 50, (5000, 2))  # More than a program's rows, of either size.
     found, sees = sight.directly(sight.where(places))
     assert sees.all()
@@ -133,11 +131,10 @@ def refracted(d, n, ratio):
 
 @pytest.mark.parametrize("index", [1.0, 1.33, 1.5, 1.9])
 def test_rays_of_a_tilted_camera_follow_snell_s_law(index):
-    camera, center, radius = camera_of(LENSES[1]), BALL[1:4], BALL[4]
-    ball = np.concatenate([[index], BALL[1:]])
-    middle, size = Sight(np.concatenate([camera, ball]), SIZE).outline
+    setup, center, radius = setup_of(LENSES[1], [index, *BALL[1:]]), BALL[1:4], BALL[4]
+    middle, size = Sight(setup, SIZE).outline
     pixels = middle + size * np.random.default_rng(4).uniform(-0.65, 0.65, (40, 2))
-    eye, toward = np.asarray(viewpoint(camera)), np.asarray(directions(camera, SIZE, jnp.asarray(pixels)))
+    eye, toward = np.asarray(camera_of(setup).viewpoint), np.asarray(pixel_rays(setup, SIZE, jnp.asarray(pixels))[1]).T
     wanted, down = [], []
     for d in toward:
         b = d @ (eye - center)
@@ -147,7 +144,7 @@ def test_rays_of_a_tilted_camera_follow_snell_s_law(index):
         outer = refracted(inner, -(leave - center) / radius, index)
         wanted.append((leave - leave[2] / outer[2] * outer)[:2])
         down.append(-outer[2])
-    seen = see_through(camera, jnp.asarray(ball), SIZE, jnp.asarray(pixels))
+    seen = see_through(setup, SIZE, jnp.asarray(pixels))
     reaches = np.array(down) > 1e-3
     np.testing.assert_array_equal(seen.valid, reaches)
     assert reaches.mean() > 0.8 and (reaches.all() or index > 1.5)
@@ -159,12 +156,12 @@ STEPS = np.array([1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 0.3, 1e-6, 1e-
 """For each number of camera and ball: about as much as moves a ray by a thousandth of a pixel; k2 by less, for near
 the middle it does nearly nothing."""
 
-LEAST_SCALE = np.array([0.0] * COUNT + [1.0] * 5)
+LEAST_SCALE = np.array([0.0] * 11 + [1.0] * 5)
 """Of a derivative, below which it is not compared as a share: where the index is 1 a ball's place changes nothing."""
 
 
 def places_and_reach(numbers, pixels):
-    found = see_through(numbers[:COUNT], numbers[COUNT:], SIZE, pixels)
+    found = see_through(Setup.of(numbers), SIZE, pixels)
     return jnp.concatenate([found.place, found.reach[:, None]], axis=1)
 
 
@@ -178,14 +175,14 @@ def places_at(numbers, pixels):
 
 @jax.jit
 def missed(numbers, pixels, places):
-    return misses(numbers[:COUNT], numbers[COUNT:], SIZE, pixels, places)
+    return misses(Setup.of(numbers), SIZE, pixels, places)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("index", [1.0, 1.5])
 def test_derivatives_through_the_glass_agree_with_differences_in_both_modes(index):
-    numbers = np.concatenate([camera_of(LENSES[1]), [index], BALL[1:]])
-    middle, radius = Sight(numbers, SIZE).outline
+    setup = setup_of(LENSES[1], [index, *BALL[1:]])
+    numbers, (middle, radius) = setup.vector, Sight(setup, SIZE).outline
     pixels = jnp.asarray(middle + radius * np.random.default_rng(6).uniform(-0.6, 0.6, (8, 2)))
 
     by_steps = numeric(lambda x: places_at(jnp.asarray(x), pixels), numbers, STEPS)
@@ -194,7 +191,7 @@ def test_derivatives_through_the_glass_agree_with_differences_in_both_modes(inde
     scale = np.maximum(np.max(np.abs(by_steps), axis=(0, 1)), LEAST_SCALE)
     np.testing.assert_allclose(forward / scale, by_steps / scale, atol=1e-6)
     np.testing.assert_allclose(backward / scale, forward / scale, atol=1e-11)
-    slopes = local_map(jnp.asarray(numbers[:COUNT]), jnp.asarray(numbers[COUNT:]), SIZE, pixels)
+    slopes = local_map(setup, SIZE, pixels)
     moved = numeric(lambda step: places_at(jnp.asarray(numbers), pixels + step), np.zeros(2), [1e-4, 1e-4])
     np.testing.assert_allclose(slopes, moved, rtol=1e-5, atol=1e-7)
 
@@ -203,26 +200,28 @@ def test_derivatives_through_the_glass_agree_with_differences_in_both_modes(inde
 @pytest.mark.parametrize("index", [0.8, 1.0, 1.5])
 def test_values_and_derivatives_are_finite_at_the_rim_beyond_it_and_in_the_middle(index):
     height, above, radius = 250.0, 60.0, 20.0
-    camera, ball = down_the_axis(height), jnp.array([index, 0, 0, above, radius])
+    # The camera looks straight down on the board's middle: half a turn about x.
+    setup = setup_of(ball=[index, 0, 0, above, radius], pose=[np.pi, 0, 0, 0, 0, height])
+    numbers = jnp.asarray(setup.vector)
     focal = SIZE[0] / (2 * np.tan(np.radians(35.0) / 2))
     touching = focal * np.tan(np.arcsin(radius / (height - above)))
     away = touching * np.array([0, 1 - 1e-9, 1 - 1e-13, 1, 1 + 1e-13, 1 + 1e-9, 1.1, 2])
     pixels = jnp.asarray(MIDDLE + np.stack([away, 0 * away], -1))
-    seen = see_through(camera, ball, SIZE, pixels)
+    seen = see_through(setup, SIZE, pixels)
     assert np.all(np.isfinite(seen.place)) and np.all(np.isfinite(seen.reach))
     assert seen.valid[0] and not np.any(seen.valid[-3:])
     np.testing.assert_allclose(seen.reach[2:5], 1, atol=1e-12)
 
     for mode in (FORWARD, BACKWARD):
-        assert np.all(np.isfinite(mode(jnp.concatenate([camera, ball]), pixels)))
+        assert np.all(np.isfinite(mode(numbers, pixels)))
     # By the pixel too, by which misses are carried back.
-    assert np.all(np.isfinite(missed(jnp.concatenate([camera, ball]), pixels, jnp.zeros((8, 2)))))
+    assert np.all(np.isfinite(missed(numbers, pixels, jnp.zeros((8, 2)))))
 
 
 @pytest.mark.slow
 def test_corners_miss_by_nothing_where_they_are_seen_and_by_pixels_beside_it():
-    numbers = np.concatenate([camera_of(LENSES[1]), BALL])
-    middle, radius = Sight(numbers, SIZE).outline
+    setup = setup_of(LENSES[1])
+    numbers, (middle, radius) = setup.vector, Sight(setup, SIZE).outline
     pixels = jnp.asarray(middle + radius * np.random.default_rng(7).uniform(-0.55, 0.55, (8, 2)))
     places = places_at(jnp.asarray(numbers), pixels)
 
@@ -306,35 +305,33 @@ def test_a_lens_of_other_pictures_is_refused(tmp_path):
 def test_a_lens_is_turned_as_its_picture_is(orientation):
     """Every pixel stays as far from where the lens looked, in focal lengths; and errors follow by differences."""
     size = (12, 8)
-    camera = jnp.zeros(11).at[6:].set(LENS.mean)
     column, row = np.meshgrid(*map(np.arange, map(float, size)))
 
-    def reach(camera, size, pixels):
-        return np.linalg.norm(pixels - principal_point(camera, size), axis=-1) / focal_length(camera, size)
+    def reach(lens, size, pixels):
+        setup = setup_of(lens[1:])._replace(fov=lens[0])
+        return np.linalg.norm(pixels - principal_point(setup, size), axis=-1) / focal_length(setup, size)
 
     stored = TURNS[orientation](np.stack([column, row], -1))
     height, width, _ = stored.shape
-    found = turned(LENS, orientation, size)
+    turn = Turn(size, after=orientation)
+    found = turn.of(LENS)
     pixels = np.stack(np.meshgrid(np.arange(float(width)), np.arange(float(height))), -1)
-    of_turned = reach(camera.at[6:].set(found.mean), (width, height), pixels)
-    np.testing.assert_allclose(of_turned, reach(camera, size, stored), rtol=1e-6)
+    of_turned = reach(found.mean, (width, height), pixels)
+    np.testing.assert_allclose(of_turned, reach(LENS.mean, size, stored), rtol=1e-6)
 
     slope = np.stack(
-        [
-            (turned(LENS._replace(mean=LENS.mean + step), orientation, size).mean - found.mean) / 1e-6
-            for step in 1e-6 * np.eye(5)
-        ],
+        [(turn.of(LENS._replace(mean=LENS.mean + step)).mean - found.mean) / 1e-6 for step in 1e-6 * np.eye(5)],
         axis=1,
     )
     np.testing.assert_allclose(found.covariance, slope @ LENS.covariance @ slope.T, rtol=1e-4, atol=1e-12)
-    again = turned(found, BACK.get(orientation, orientation), (width, height))
+    again = Turn(size, before=orientation).of(found)
     np.testing.assert_allclose(again.mean, LENS.mean, rtol=1e-12)
     np.testing.assert_allclose(again.covariance, LENS.covariance, rtol=1e-12)
 
 
 @pytest.mark.parametrize("orientation", TURNS)
 def test_a_lens_of_which_nothing_is_known_stays_so_when_it_is_turned(orientation):
-    found = turned(uncalibrated(), orientation, (4, 3))
+    found = Turn((4, 3), after=orientation).of(uncalibrated())
     assert np.isinf(found.covariance[0, 0]) and not np.isnan(found.covariance).any()
     np.testing.assert_array_equal(found.mean, 0)
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from raytrace_jax.photo.bundle import BALL
+from raytrace_jax.photo.geometry import AT, Setup
 from raytrace_jax.photo.opinions import joined
 from raytrace_jax.photo.room_scene import FREE, GLASS, UNCERTAIN
 
@@ -33,13 +33,13 @@ def problem(noise, off=0.0):
             assumptions=[SimpleNamespace(name=name, sensitivity=every[:, k]) for k, name in enumerate(UNCERTAIN)],
         ),
     )
-    numbers = np.zeros(BALL.stop)
-    numbers[BALL.start : BALL.start + GLASSES] = told[:GLASSES]
+    numbers = np.zeros(16)
+    numbers[AT.ball[:GLASSES]] = told[:GLASSES]
 
     rows = np.concatenate([corners / 0.1, np.concatenate([np.eye(GLASSES), -sensitivity], axis=1) / noise])
     right = np.concatenate([seen / 0.1, (value - sensitivity @ told[GLASSES:]) / noise])
     index, error = np.linalg.lstsq(rows, right)[0][0], np.sqrt(np.linalg.inv(rows.T @ rows)[0, 0])
-    both = joined(SimpleNamespace(numbers=numbers), SimpleNamespace(covariance=covariance), result)
+    both = joined(SimpleNamespace(setup=Setup.of(numbers)), SimpleNamespace(covariance=covariance), result)
     return both, (index, error), np.sqrt(covariance[0, 0])
 
 

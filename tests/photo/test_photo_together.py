@@ -5,22 +5,39 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from photographed_boards import (
+    BLUR,
+    CAMERA,
+    FOV,
+    HEIGHT,
+    INDEX,
+    NOISE,
+    PATTERN,
+    RADIUS,
+    SIZE,
+    WIDE,
+    WIDTH,
+    drawn,
+    flat_picture,
+    middles,
+    seen_by,
+    taken,
+    write_board,
+)
 from PIL import Image
 from scipy import ndimage
-from test_photo_locate import BLUR, NOISE, write_board
 
-from raytrace_jax import write_png
+from raytrace_jax import PictureError, write_png
 from raytrace_jax.cli import main
-from raytrace_jax.photo.board_pattern import Pattern
-from raytrace_jax.photo.boards import read_board
-from raytrace_jax.photo.bundle import OWN, Corners, PhotoView, adjust
-from raytrace_jax.photo.cameras import COUNT, LENS
-from raytrace_jax.photo.find_camera import known_before, step_scales
+from raytrace_jax.images.exif import TURNS
+from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
+from raytrace_jax.photo.find_camera import FoundCamera, calibrate
+from raytrace_jax.photo.geometry import AT, Setup
 from raytrace_jax.photo.lens import LensPrior, Turn
 from raytrace_jax.photo.opinions import budget, contradictions
+from raytrace_jax.photo.photograph import Corners, photograph_of
 from raytrace_jax.photo.sight import Sight
 
-SIZE, INDEX, RADIUS = (640, 480), 1.5, 20.0
 TRUE_LENS = np.array([35.0, -0.05, 0.01, 0.004, -0.003])
 KNOWN_LENS = LensPrior(
     TRUE_LENS + np.array([0.01, 0.001, -0.002, 2e-4, 2e-4]), np.diag([0.02, 0.003, 0.006, 5e-4, 5e-4]) ** 2
@@ -29,7 +46,11 @@ KNOWN_RADIUS = (RADIUS * 1.0004, RADIUS * 5e-4)
 PLACES = [([np.pi - 0.15, 0.12, -0.2, 6.0, -4.0, 260.0], [4.0, -3.0, 65.0]),
           ([np.pi + 0.2, -0.1, 0.3, 0.0, 5.0, 280.0], [-8.0, 4.0, 45.0]),
           ([np.pi + 0.05, 0.3, 0.1, -5.0, 0.0, 270.0], [0.0, 2.0, 90.0])]  # fmt: skip
-COMMON = [*range(LENS.start, LENS.stop), COUNT, COUNT + 4]
+COMMON = [*AT.lens, AT.ior, AT.radius]
+
+
+def setup_of(pose, lens, center):
+    return Setup.of(np.concatenate([pose, lens, [INDEX], center, [RADIUS]]))
 
 
 def view_of(place, turn=None, seed=0, noise=0.05):
@@ -38,8 +59,8 @@ def view_of(place, turn=None, seed=0, noise=0.05):
     turn = turn or Turn(SIZE)
     pose, center = place
     size = SIZE if turn.after < 5 else SIZE[::-1]
-    numbers = np.concatenate([pose, turn(TRUE_LENS)[0], [INDEX], center, [RADIUS]])
-    sight = Sight(numbers, size)
+    setup = setup_of(pose, turn(TRUE_LENS)[0], center)
+    sight = Sight(setup, size)
     places = np.stack(np.meshgrid(np.arange(-60, 61, 15.0), np.arange(-45, 46, 15.0)), -1).reshape(-1, 2)
     middle, radius = sight.outline
     angle, reach = random.uniform(0, 2 * np.pi, 60), 0.9 * np.sqrt(random.uniform(0, 1, 60))
@@ -50,8 +71,10 @@ def view_of(place, turn=None, seed=0, noise=0.05):
         Corners(pixels + noise * random.normal(size=pixels.shape), places, np.full(len(places), noise))
         for pixels, places in groups
     )
-    scale = step_scales(numbers, KNOWN_RADIUS, KNOWN_LENS)
-    return PhotoView(numbers + 0.05 * scale * random.normal(size=len(numbers)), scale, size, direct, through, turn)
+    scale = np.array(KNOWN.scale)
+    scale[AT.translation] *= pose[5]
+    start = Setup.of(setup.vector + 0.05 * scale * random.normal(size=16))
+    return PhotoView(start, size, direct, through, turn)
 
 
 KNOWN = known_before(KNOWN_LENS, KNOWN_RADIUS)
@@ -62,15 +85,15 @@ def test_three_places_tell_more_than_one_and_what_was_known_counts_once():
     joint = adjust(views, KNOWN)
     single = [adjust([view._replace(turn=Turn())], KNOWN).views[0] for view in views[:2]]
     truth = np.concatenate([TRUE_LENS, [INDEX, RADIUS]])
-    found, covariance = joint.views[0].numbers[COMMON], joint.views[0].covariance[np.ix_(COMMON, COMMON)]
+    found, covariance = joint.views[0].setup.vector[COMMON], joint.views[0].covariance[np.ix_(COMMON, COMMON)]
     errors = np.sqrt(np.diagonal(covariance))
     assert np.all(np.abs(found - truth) < 3 * errors)
-    assert errors[5] < 0.8 * min(np.sqrt(one.covariance[COUNT, COUNT]) for one in single)
+    assert errors[5] < 0.8 * min(one.errors.ior for one in single)
     # The third was taken with the camera turned: its own numbers are found, and its lens is that of the turned picture.
     third = joint.views[2]
-    np.testing.assert_allclose(third.numbers[LENS], views[2].turn(joint.views[0].numbers[LENS])[0], rtol=1e-12)
-    off = third.numbers[OWN] - np.concatenate(PLACES[2])
-    assert np.all(np.abs(off) < 4 * np.sqrt(np.diagonal(third.covariance)[OWN]))
+    np.testing.assert_allclose(third.setup.lens, views[2].turn(joint.views[0].setup.lens)[0], rtol=1e-12)
+    off = third.setup.own - np.concatenate(PLACES[2])
+    assert np.all(np.abs(off) < 4 * third.errors.own)
 
     # Two together are the two alone, of whose precisions what both were told before is taken off once. A plain mean
     # of the indices would have the radius's error halved, and it is common to both.
@@ -78,7 +101,7 @@ def test_three_places_tell_more_than_one_and_what_was_known_counts_once():
     alone = [np.linalg.inv(one.covariance[np.ix_(COMMON, COMMON)]) for one in single]
     by_hand = np.linalg.inv(alone[0] + alone[1] - before)
     two = adjust(views[:2], KNOWN)
-    np.testing.assert_allclose(np.sqrt(two.covariance[COUNT, COUNT]), np.sqrt(by_hand[5, 5]), rtol=0.05)
+    np.testing.assert_allclose(np.sqrt(two.covariance[AT.ior, AT.ior]), np.sqrt(by_hand[5, 5]), rtol=0.05)
 
 
 def test_the_same_picture_twice_leaves_what_the_radius_does_and_the_budget_adds_up():
@@ -86,14 +109,13 @@ def test_the_same_picture_twice_leaves_what_the_radius_does_and_the_budget_adds_
     once, twice = budget(adjust([view], KNOWN)), budget(adjust([view, view], KNOWN))
     for parts in (once, twice):
         assert min(parts[:3]) > 0
-    whole = np.sqrt(adjust([view], KNOWN).covariance[COUNT, COUNT])
+    whole = np.sqrt(adjust([view], KNOWN).covariance[AT.ior, AT.ior])
     np.testing.assert_allclose(np.linalg.norm(once[:3]), whole, rtol=1e-6)
     assert once.without_radius < whole and once.without_lens < whole and once.fourfold < whole
     # Four of the same picture are what the budget says of four.
     four = adjust([view] * 4, KNOWN)
-    np.testing.assert_allclose(np.sqrt(four.covariance[COUNT, COUNT]), once.fourfold, rtol=0.02)
-    held = view._replace(scale=np.where(np.arange(16) == COUNT + 4, 0, view.scale))
-    exact = budget(adjust([held], known_before(KNOWN_LENS, (RADIUS, 0.0))))
+    np.testing.assert_allclose(np.sqrt(four.covariance[AT.ior, AT.ior]), once.fourfold, rtol=0.02)
+    exact = budget(adjust([view], known_before(KNOWN_LENS, (RADIUS, 0.0))))
     assert exact.radius == 0 and exact.lens > 0
     assert exact.without_radius == pytest.approx(np.linalg.norm(exact[:3]), rel=1e-6)
     bad = once._replace(without_radius=9.0, without_lens=9.0)
@@ -117,33 +139,91 @@ def test_what_was_known_and_comes_out_otherwise_is_named(off, count, name):
         assert abs(found[0].found[0] - found[0].stated[0]) < 3 * found[0].stated[1]
 
 
-def drawn(board, numbers, seed, ball=True):
+@pytest.mark.slow
+def test_three_pictures_without_the_ball_calibrate_the_lens_however_the_camera_was_turned(board):
+    sides = [(120.0, 20.0, 190.0), (-110.0, 60.0, 190.0), (10.0, -140.0, 180.0)]
+    aside = {"lookat": (0.0, 0.0, 0.0), "center": ((WIDTH - 1) / 2 + 0.01 * WIDTH, (HEIGHT - 1) / 2 - 0.008 * WIDTH)}
+    stored = [taken(seen_by(CAMERA | {"viewpoint": side} | aside, board), 3) for side in sides]
+    pictures = [
+        photograph_of(np.moveaxis(TURNS[turn](np.moveaxis(image, 0, -1)), -1, 0), f"turn {turn}", turn)
+        for turn, image in zip((1, 3, 6), stored, strict=True)
+    ]
+    found = calibrate(pictures, board)
+    errors = np.sqrt(np.diagonal(found.lens.covariance))
+    assert np.all(np.abs(found.lens.mean - [FOV, 0, 0, 0.01, -0.008]) < 4 * errors) and errors[0] < 0.2
+    assert np.all(errors[3:] < 1e-3)
+    assert found.size == (WIDTH, HEIGHT) and len(found.each) == len(found.sigma) == 3
+
+
+def test_too_few_pictures_or_pictures_of_two_sizes_are_no_calibration(board):
+    picture = photograph_of(flat_picture(PATTERN), "flat")
+    with pytest.raises(PictureError, match="2 pictures are too few for a calibration: 3 are wanted"):
+        calibrate([picture, picture], board)
+    turned = photograph_of(flat_picture(PATTERN).swapaxes(1, 2), "turned")
+    with pytest.raises(PictureError, match=r"turned has .* flat .*EXIF has to say so"):
+        calibrate([picture, turned, picture], board)
+
+
+def found_cameras(monkeypatch, lens_of):
+    """Cameras that see the board's plane from several sides in place of those that are found."""
+    places = np.stack(np.meshgrid(np.arange(-60, 61, 15.0), np.arange(-45, 46, 15.0)), -1).reshape(-1, 2)
+    sides = iter((0.5, -0.5, 0.4, -0.3))
+
+    def find(photograph, *_):
+        lens = Turn(photograph.size_on_sensor, after=photograph.orientation).of(lens_of(photograph))
+        setup = setup_of([np.pi, next(sides), 0.3, 0, 0, 250], lens.mean, [0, 0, 0])
+        corners = Corners(Sight(setup, photograph.size).where(places), places, np.full(len(places), 0.01))
+        covariance = np.eye(16)
+        covariance[np.ix_(AT.lens, AT.lens)] = lens.covariance
+        view = PhotoView(setup, photograph.size, corners, Corners.none())
+        return FoundCamera(setup, covariance, (0.03, 0.0), corners, Corners.none(), view, 0.5)
+
+    monkeypatch.setattr("raytrace_jax.photo.find_camera.find_camera", find)
+    monkeypatch.setattr("raytrace_jax.photo.find_camera.find_markers", lambda *_: None)
+
+
+LENS = LensPrior(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
+
+
+@pytest.mark.parametrize("turns", [(1, 3, 6, 8), (6, 6, 6), (2, 4, 5, 7), (8, 1, 1)])
+def test_a_lens_is_the_same_on_the_sensor_however_the_camera_was_turned(turns, board, monkeypatch):
+    found_cameras(monkeypatch, lambda _: LENS)
+    shapes = [(3, WIDTH, HEIGHT) if turn > 4 else (3, HEIGHT, WIDTH) for turn in turns]
+    pictures = [photograph_of(np.ones(shape), str(turn), turn) for shape, turn in zip(shapes, turns, strict=True)]
+    found = calibrate(pictures, board)
+    assert found.size == (WIDTH, HEIGHT)
+    np.testing.assert_allclose([one.mean for one in found.each], [LENS.mean] * len(turns), rtol=1e-9)
+    # What lenses usually are has its part, too.
+    assert np.all(np.abs(found.lens.mean - LENS.mean) < 0.1 * np.sqrt(np.diagonal(found.lens.covariance)))
+
+
+def test_a_picture_by_another_zoom_is_refused_by_name(board, monkeypatch):
+    found_cameras(
+        monkeypatch, lambda photograph: LENS._replace(mean=LENS.mean * (1.1 if photograph.name == "c" else 1))
+    )
+    pictures = [photograph_of(np.ones((3, HEIGHT, WIDTH)), name) for name in "abcd"]
+    with pytest.raises(PictureError, match=r"c: it tells an angle of view of 45\.\d.* others one of 41\.\d.* one zoom"):
+        calibrate(pictures, board)
+
+
+def photographed(board, setup, seed, ball=True):
     """The light of the board as a camera sees it, with a ball or without."""
-    row, column = np.mgrid[: SIZE[1], : SIZE[0]]
-    sight, random = Sight(numbers, SIZE), np.random.default_rng(seed)
-    total = 0.0
+    random, total = np.random.default_rng(seed), 0.0
     for _ in range(9):
-        jitter = random.uniform(-0.5, 0.5, (SIZE[0] * SIZE[1], 2))
-        pixels = np.stack([column, row], -1).reshape(-1, 2) + jitter
-        picture = np.nan_to_num(board.brightness(sight.directly(pixels)[0]), nan=0.4)
-        if ball:
-            seen = sight.through(pixels)
-            through = np.where(seen.valid, np.nan_to_num(board.brightness(seen.place), nan=0.4), 0.3)
-            picture = np.where(seen.reach < 1, 0.85 * through, picture)
-        total = total + picture / 9
-    light = ndimage.gaussian_filter(0.05 + 0.8 * total.reshape(SIZE[::-1]), BLUR)
+        pixels = middles() + random.uniform(-0.5, 0.5, (WIDTH * HEIGHT, 2))
+        total = total + drawn(board, setup, pixels, [setup] * ball) / 9
+    light = ndimage.gaussian_filter(0.05 + 0.8 * total, BLUR)
     return light + NOISE * random.normal(size=light.shape)
 
 
 @pytest.mark.slow
-def test_a_folder_of_photographs_is_one_command(tmp_path, monkeypatch, capsys):
+def test_a_folder_of_photographs_is_one_command(wide_board, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    board = read_board(write_board(tmp_path, Pattern(28, 20, 10.0)))
+    write_board(tmp_path, WIDE)
     Path("photos").mkdir()
     for k, (pose, center) in enumerate([*PLACES, ([np.pi + 0.3, 0.4, 0.2, 0.0, 0.0, 330.0], [0.0, 0.0, 60.0])]):
         far = [*pose[:5], 1.35 * pose[5]]
-        numbers = np.concatenate([far, TRUE_LENS, [INDEX], center, [RADIUS]])
-        light = drawn(board, numbers, k, ball=k < 3)
+        light = photographed(wide_board, setup_of(far, TRUE_LENS, center), k, ball=k < 3)
         write_png(f"photos/{'abcd'[k]}.png", np.repeat(np.clip(light, 0, 1)[None], 3, axis=0), transfer="srgb")
     Image.fromarray(np.full((*SIZE[::-1], 3), 99, np.uint8)).save("photos/grey.png")
     lengths = ["--radius", "20+-0.002mm", "--ruler", "100+-0.01mm", "--transfer", "srgb"]

@@ -11,8 +11,7 @@ from raytrace_jax.cli.options.fits import Board
 from raytrace_jax.cli.preparation import check_picture_path
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.photo.board_pattern import Pattern
-from raytrace_jax.photo.boards import LEAST_CORNERS
-from raytrace_jax.photo.opencv import opencv
+from raytrace_jax.photo.boards import LEAST_CORNERS, opencv
 from raytrace_jax.report import board_sheet
 from raytrace_jax.scene.schema import is_name
 from raytrace_jax.util.files import atomic_write, write_text

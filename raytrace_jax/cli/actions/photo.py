@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +23,14 @@ from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.judge.assumptions import Contradiction, looks_like
 from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.photo.boards import CharucoBoard, read_board
-from raytrace_jax.photo.calibrate import calibrate
-from raytrace_jax.photo.cameras import COUNT, FOV, LENS
-from raytrace_jax.photo.find_camera import Photograph, photograph_of
+from raytrace_jax.photo.find_camera import calibrate
 from raytrace_jax.photo.flattened import Flattened, flatten
-from raytrace_jax.photo.lens import LensPrior, Turn, read_lens, turned, uncalibrated, write_lens
+from raytrace_jax.photo.lens import Turn, read_lens, uncalibrated, write_lens
 from raytrace_jax.photo.locate import Located, Together, locate_together
-from raytrace_jax.photo.opinions import AGREE, budget, contradictions, joined, told_together
+from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, joined, told_together
 from raytrace_jax.photo.outline import Disc
+from raytrace_jax.photo.photograph import Photograph, photograph_of
 from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene
-from raytrace_jax.photo.through_glass import RADIUS
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
 from raytrace_jax.scene.parameters import scalar_names
@@ -71,20 +69,15 @@ def run_calibrate(command: Calibrate) -> int:
         timer.took("calibrating")
     comment = f"A lens by raytrace-jax calibrate, from {len(photographs)} pictures of {command.board.name}."
     write_lens(command.output, found.lens, found.size, comment)
-    estimates = _estimates(found.lens.mean, found.lens.covariance, range(len(LENS_WORDS)))
+    estimates = [with_error(*one) for one in zip(found.lens.mean, found.lens.errors, strict=True)]
     print_table("lens", ("number", "estimate"), list(zip(LENS_WORDS, estimates, strict=True)))
     each = [
-        (path.name, *_estimates(lens.mean, lens.covariance, [0]), f"{sigma:.3f}")
+        (path.name, with_error(lens.mean[0], lens.errors[0]), f"{sigma:.3f}")
         for path, lens, sigma in zip(command.photos, found.each, found.sigma, strict=True)
     ]
     print_table("each picture alone", ("picture", "angle of view", "scatter [px]"), each)
     print(command.output)
     return 0
-
-
-def _estimates(numbers: np.ndarray, covariance: np.ndarray, indices: Iterable[int], long: bool = False) -> list[str]:
-    """Some of the numbers with their errors, as `with_error` writes them."""
-    return [with_error(float(numbers[k]), math.sqrt(covariance[k, k]), long) for k in indices]
 
 
 def run_photo(command: Photo) -> int:
@@ -199,7 +192,7 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
         else:
             print(last_word(result))
         light = result["ball.ior"]
-        indices = {"corners": located.index, "light": (light.value, light.error), "both": both.ior}
+        indices = {"corners": located.ior, "light": (light.value, light.error), "both": both.ior}
         rows = [(by, with_error(*index, command.long)) for by, index in indices.items()]
         print_table("the index", ("by", "estimate"), rows)
         print(command.output, flush=True)
@@ -216,19 +209,22 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
 def print_located(together: Together, paths: Sequence[Path], long: bool = False) -> None:
     """Print what the corners say, with estimates as `with_error` writes them, and what the index's error is made of."""
     assert together.adjusted is not None, "a ball is found"
-    centers = {f"center.{axis}": COUNT + 1 + k for k, axis in enumerate("xyz")}
-    first, several = next(iter(together.located.values())), len(paths) > 1
-    indices = {"index": COUNT, "angle of view": FOV} | ({} if several else centers) | {"radius": COUNT + RADIUS}
+    centers, several = tuple(f"center.{axis}" for axis in "xyz"), len(paths) > 1
+    first = next(iter(together.located.values()))
+
+    def estimated(located: Located) -> dict[str, str]:
+        """All numbers as `with_error` writes them, by name."""
+        numbers = zip(NAMES, located.setup.vector, located.errors.vector, strict=True)
+        return {name: with_error(float(number), float(error), long) for name, number, error in numbers}
+
     title = f"from the corners{f' of {len(paths)} photographs' if several else ''} (millimetres of the board, degrees)"
-    estimates = _estimates(first.numbers, first.covariance, indices.values(), long)
-    print_table(title, ("number", "estimate"), list(zip(indices, estimates, strict=True)))
+    estimates = estimated(first)
+    rows = [("index", estimates["index"]), ("angle of view", estimates["fov"])]
+    rows += [(name, estimates[name]) for name in (*(() if several else centers), "radius")]
+    print_table(title, ("number", "estimate"), rows)
     if several:
         rows = [
-            (
-                paths[k].name,
-                with_error(*together.alone[k], long),
-                *_estimates(one.numbers, one.covariance, centers.values(), long),
-            )
+            (paths[k].name, with_error(*together.alone[k], long), *(estimated(one)[name] for name in centers))
             for k, one in together.located.items()
         ]
         rows += [(paths[k].name, "no ball: the lens", "", "", "") for k in together.bare]
@@ -239,7 +235,7 @@ def print_located(together: Together, paths: Sequence[Path], long: bool = False)
     print_table("parts of the index's error", ("of", "part"), [(name, f"{part:.2g}") for name, part in named.items()])
     print(parts.advice)
     for k, (index, error) in together.alone.items():
-        if abs(off := index - first.index[0]) > AGREE * error:
+        if abs(off := index - first.ior[0]) > AGREE * error:
             print_warning(
                 f"{paths[k]} alone tells an index of {with_error(index, error, long)}, {abs(off) / error:.1f} of its "
                 "errors from that of all: is it the same ball, and does its sheet show corners that are none?"
@@ -297,7 +293,7 @@ def _locate(
     ball = Disc(np.array(command.ball[:2], float), float(command.ball[2])) if command.ball else None
     path, first = command.photos[0], photographs[0]
     if command.camera is not None:
-        lens = turned(read_lens(command.camera, first.size_on_sensor), first.orientation, first.size_on_sensor)
+        lens = Turn(first.size_on_sensor, after=first.orientation).of(read_lens(command.camera, first.size_on_sensor))
         return locate_together(photographs, board, radius, lens, ball)
     fov = angle_of_view(path) if is_photograph(path) else None
     if fov is not None:
@@ -317,6 +313,5 @@ def _locate(
 def _angle_of_first(together: Together, photographs: Sequence[Photograph]) -> tuple[float, float]:
     """The angle of view of the first photograph, and its error; another one may have been turned."""
     k, located = next(iter(together.located.items()))
-    turn = Turn(photographs[0].size_on_sensor, photographs[k].orientation, photographs[0].orientation)
-    lens = turn.of(LensPrior(located.numbers[LENS], located.covariance[LENS, LENS]))
-    return float(lens.mean[0]), float(np.sqrt(lens.covariance[0, 0]))
+    lens = photographs[k].turn_to(photographs[0]).of(located.lens)
+    return float(lens.mean[0]), float(lens.errors[0])

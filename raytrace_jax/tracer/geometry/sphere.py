@@ -32,18 +32,23 @@ class Chord(NamedTuple):
     half: Scalars
 
 
-def chord(rays: Rays, shape: Shapes) -> Chord:
-    """The chords of rays in their spheres, or in one sphere.
+def chord(o: Vectors, d: Vectors, center: Vectors, radius: Number) -> Chord:
+    """The chords of rays in spheres, whose centers and radii are shaped to broadcast over the rays.
 
     The discriminant is `r^2 - |oc - (oc.d) d|^2`, the form that loses no digits when the sphere is far away or small
     (Haines et al., Precision improvements for ray/sphere intersection, Ray Tracing Gems, 2019).
     """
-    center = shape.position if shape.position.ndim > 1 else per_ray(shape.position, rays.o.ndim - 1)
-    from_center = rays.o - center
-    along = -dot(from_center, rays.d)
-    across = from_center + along * rays.d
-    discriminant = shape.radius * shape.radius - dot(across, across)
+    from_center = o - center
+    along = -dot(from_center, d)
+    across = from_center + along * d
+    discriminant = radius * radius - dot(across, across)
     return Chord(along, across, discriminant, safe_sqrt(discriminant))
+
+
+def chord_in(rays: Rays, shape: Shapes) -> Chord:
+    """The chords of rays in their spheres, or in one sphere."""
+    center = shape.position if shape.position.ndim > 1 else per_ray(shape.position, rays.o.ndim - 1)
+    return chord(rays.o, rays.d, center, shape.radius)
 
 
 def coefficients(spheres: Spheres) -> dict[str, Array]:
@@ -69,13 +74,13 @@ def meeting(
 
 def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
     """Distance along rays to one sphere, and whether that is a hit."""
-    t, hits, _ = meeting(rays, chord(rays, shape), own, least, settings)
+    t, hits, _ = meeting(rays, chord_in(rays, shape), own, least, settings)
     return t, hits & (t > least)
 
 
 def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
     """Distance along rays that meet their spheres, from outside or from within."""
-    passing = chord(rays, shape)
+    passing = chord_in(rays, shape)
     return jnp.where(outside, passing.along - passing.half, passing.along + passing.half)
 
 
@@ -91,7 +96,7 @@ def see(
     rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Number, settings: ResolvedSettings
 ) -> shapes.Sighting:
     """The meeting of each footprint with one sphere. Where its centre just misses the rim, a part of it still may."""
-    passing = chord(rays, shape)
+    passing = chord_in(rays, shape)
     t, centered, behind = meeting(rays, passing, own, least, settings)
     seen, outside = centered & (t > least), ~(own | behind)
     edge = silhouette(rays, passing, shape.radius, passing.discriminant / (2 * shape.radius), may_pass)
@@ -107,7 +112,7 @@ def edges(
     rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
 ) -> tuple[Edge, ...]:
     """The silhouette of a sphere that is seen from outside."""
-    passing = chord(rays, shape)
+    passing = chord_in(rays, shape)
     radius = jnp.where(mine, shape.radius, 1)
     value = (radius * radius - dot(passing.across, passing.across)) / (2 * radius)
     return (silhouette(rays, passing, radius, value, outside),)

@@ -1,12 +1,76 @@
-"""Larger pixels of a photograph: means of some of its own, in a part of it."""
+"""A photograph as it is measured, corners in it, and larger pixels: means of some of its own, in a part of it."""
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, UInt8
+
+from raytrace_jax.photo.lens import Turn
 
 RAYS = 9
 """Rays of a pixel; the board's brightness in the pixel is the mean over all of them."""
+
+
+class Photograph(NamedTuple):
+    """A photograph as it is measured.
+
+    Args:
+        light: scene-linear, the mean of its channels.
+        grey: 8 bits, for OpenCV.
+        name: for messages.
+        orientation: how EXIF says that it was turned to be upright.
+    """
+
+    light: Float[np.ndarray, "height width"]
+    grey: UInt8[np.ndarray, "height width"]
+    name: str
+    orientation: int = 1
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.light.shape[1], self.light.shape[0]
+
+    @property
+    def size_on_sensor(self) -> tuple[int, int]:
+        """Width and height before it was turned."""
+        width, height = self.size
+        return (width, height) if self.orientation < 5 else (height, width)
+
+    def turn_to(self, other: "Photograph") -> Turn:
+        """How the lens of another photograph by this camera, of the same size on the sensor, follows from this."""
+        return Turn(self.size_on_sensor, self.orientation, other.orientation)
+
+
+class Corners(NamedTuple):
+    """Corners in a photograph.
+
+    Args:
+        pixels: where they are seen.
+        places: where they lie on the board.
+        spread: the standard deviation of each, of its worse direction, in pixels.
+    """
+
+    pixels: Float[np.ndarray, "n 2"]
+    places: Float[np.ndarray, "n 2"]
+    spread: Float[np.ndarray, " n"]
+
+    @classmethod
+    def none(cls) -> "Corners":
+        """No corners."""
+        return cls(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+
+    def where(self, chosen: Bool[np.ndarray, " n"]) -> "Corners":
+        """The chosen corners."""
+        return Corners(self.pixels[chosen], self.places[chosen], self.spread[chosen])
+
+
+def photograph_of(image: Float[np.ndarray, "3 height width"], name: str, orientation: int = 1) -> Photograph:
+    """A scene-linear picture as it is measured: OpenCV sees it as a screen shows it, its brightest hundredth white."""
+    light = np.mean(np.asarray(image, np.float64), axis=0)
+    white = max(float(np.percentile(light, 99)), 1e-9)
+    grey = np.round(255 * np.clip(light / white, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+    return Photograph(light, grey, name, orientation)
 
 
 def offsets(width: float) -> Float[np.ndarray, "rays 2"]:

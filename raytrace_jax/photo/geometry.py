@@ -1,0 +1,211 @@
+"""A camera and a ball before a board: where pixels see the board, directly and through the ball, with derivatives.
+
+The frame is the board's: x to the right, y up, z towards who looks at it, in the board's unit of length. Pixels are
+OpenCV's: (0, 0) is the middle of the upper left one. Rays are the tracer's, `tracer.geometry.camera`.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.optics.vectors import refract
+from raytrace_jax.scene.scene import PerspectiveCamera
+from raytrace_jax.tracer.geometry.camera import ray
+from raytrace_jax.tracer.geometry.sphere import chord
+from raytrace_jax.util.numerics import TINY, dot, normalize
+
+LOST = 5.0
+"""A corner whose ray is lost misses by so many pixels, more than corners that count."""
+
+Size = tuple[int, int] | Float[Array, "2"]
+"""Width and height of a picture, in pixels."""
+
+
+class Setup(NamedTuple):
+    """A camera and a ball before a board; or an error, a scale, a place in the raveled vector for each number of these.
+
+    Args:
+        rotation, translation: rotation vector and translation of the camera as OpenCV has them, into a frame of x to
+            the right, y down, z forward.
+        fov: its full horizontal angle of view in degrees.
+        distortion: k1 and k2 of `scene.lens`.
+        principal_offset: how far the principal point is to the right of and below the picture's middle, in widths of
+            the picture.
+        ior: the ball's index over that of the air.
+        center, radius: the ball's.
+    """
+
+    rotation: Float[Any, "3"]
+    translation: Float[Any, "3"]
+    fov: Float[Any, ""]
+    distortion: Float[Any, "2"]
+    principal_offset: Float[Any, "2"]
+    ior: Float[Any, ""]
+    center: Float[Any, "3"]
+    radius: Float[Any, ""]
+
+    @classmethod
+    def of(cls, vector: Float[Any, " numbers"]) -> "Setup":
+        """The set-up that was raveled into a vector, of JAX or of NumPy."""
+        v = vector
+        return cls(v[:3], v[3:6], v[6], v[7:9], v[9:11], v[11], v[12:15], v[15])
+
+    @property
+    def vector(self) -> Float[np.ndarray, " numbers"]:
+        """All numbers in a row, raveled."""
+        return np.hstack(self)
+
+    @property
+    def lens(self) -> Float[np.ndarray, "5"]:
+        """What does not depend on where the camera stands: angle of view, distortion and principal point."""
+        return np.hstack([self.fov, self.distortion, self.principal_offset])
+
+    @property
+    def own(self) -> Float[np.ndarray, "9"]:
+        """What each photograph has of its own, the camera's pose and the ball's centre; the rest is common."""
+        return np.hstack([self.rotation, self.translation, self.center])
+
+    @property
+    def ball(self) -> Float[np.ndarray, "5"]:
+        """The ball's numbers: index, centre and radius."""
+        return np.hstack([self.ior, self.center, self.radius])
+
+
+AT = Setup.of(np.arange(16))
+"""Where each number lies in the raveled vector."""
+
+COUNT = len(AT.vector)
+"""How many numbers a set-up has."""
+
+
+class Seen(NamedTuple):
+    """What rays through a ball meet, in arrays of JAX or, from `photo.sight`, of NumPy.
+
+    Args:
+        place: on the board's plane.
+        reach: how far from the ball's centre the ray passes, as a fraction of its radius; above 1 it misses.
+        valid: whether the ray enters the ball, leaves it and meets the plane.
+    """
+
+    place: Float[Any, "n 2"]
+    reach: Float[Any, " n"]
+    valid: Bool[Any, " n"]
+
+
+def rotation_matrix(vector: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """The rotation by the length of a vector about it (Rodrigues); its derivative at 0 is finite."""
+    x, y, z = vector
+    zero = jnp.zeros_like(x)
+    cross = jnp.stack([jnp.stack([zero, -z, y]), jnp.stack([z, zero, -x]), jnp.stack([-y, x, zero])])
+    squared = vector @ vector
+    is_small = squared < 1e-12
+    angle = jnp.sqrt(jnp.where(is_small, 1.0, squared))
+    sine = jnp.where(is_small, 1 - squared / 6, jnp.sin(angle) / angle)
+    cosine = jnp.where(is_small, 0.5 - squared / 24, (1 - jnp.cos(angle)) / (angle * angle))
+    return jnp.eye(3, dtype=vector.dtype) + sine * cross + cosine * (cross @ cross)
+
+
+def focal_length(setup: Setup, size: Size) -> Float[Array, ""]:
+    """The focal length in pixels of a picture of this width and height."""
+    return size[0] / (2 * jnp.tan(jnp.deg2rad(setup.fov) / 2))
+
+
+def principal_point(setup: Setup, size: Size) -> Float[Array, "2"]:
+    """The principal point, in pixels."""
+    return (jnp.asarray(size, float) - 1) / 2 + setup.principal_offset * size[0]
+
+
+def project(setup: Setup, size: Size, points: Float[Array, "n 3"]) -> Float[Array, "n 2"]:
+    """The pixels in which points are seen, which lie in front of the camera; the inverse of `pixel_rays`."""
+    seen = points @ rotation_matrix(setup.rotation).T + setup.translation
+    x = seen[:, :2] / jnp.maximum(seen[:, 2:], TINY)
+    squared = jnp.sum(x * x, axis=-1, keepdims=True)
+    k1, k2 = setup.distortion
+    return focal_length(setup, size) * (1 + k1 * squared + k2 * squared * squared) * x + principal_point(setup, size)
+
+
+def camera_of(setup: Setup) -> PerspectiveCamera:
+    """The tracer's camera, with a picture of one pixel that is as wide as the photograph, and as high as wide.
+
+    It looks at a point as far away as the board's middle is now; to a derivative that distance is a constant.
+    """
+    axes = rotation_matrix(setup.rotation)
+    viewpoint = -axes.T @ setup.translation
+    distance = jax.lax.stop_gradient(jnp.sqrt(jnp.maximum(jnp.sum(setup.translation**2), TINY)))
+    return PerspectiveCamera(
+        name="photograph",
+        pixeldim=(1, 1),
+        viewpoint=viewpoint,
+        lookat=viewpoint + distance * axes[2],
+        up=-axes[1],
+        fov=setup.fov,
+        center=setup.principal_offset,
+        distortion=setup.distortion,
+    )
+
+
+def pixel_rays(
+    setup: Setup, size: Size, pixels: Float[Array, "n 2"]
+) -> tuple[Float[Array, "3 n"], Float[Array, "3 n"]]:
+    """Origins and unit directions of the rays of pixels."""
+    right, down = ((pixels - (jnp.asarray(size, float) - 1) / 2) / size[0]).T
+    origin, direction = ray(camera_of(setup), 0.5 + right, 0.5 - down)
+    return origin, normalize(direction)
+
+
+def on_board(
+    origin: Float[Array, "3 n"], direction: Float[Array, "3 n"]
+) -> tuple[Float[Array, "n 2"], Float[Array, " n"]]:
+    """Where rays meet the board's plane, and how far along them: -1 where they never do."""
+    falls = direction[2] < -1e-12
+    distance = jnp.where(falls, origin[2] / jnp.where(falls, -direction[2], 1.0), -1.0)
+    return (origin + distance * direction)[:2].T, distance
+
+
+def see_through(setup: Setup, size: Size, pixels: Float[Array, "n 2"]) -> Seen:
+    """Follow the rays of pixels into the ball, out of it and to the board's plane."""
+    o, d = pixel_rays(setup, size, pixels)
+    center, radius, ior = setup.center[:, None], setup.radius, jnp.broadcast_to(setup.ior, o.shape[1:])
+    passing = chord(o, d, center, radius)
+    hits = (passing.discriminant > 1e-12 * radius * radius) & (passing.along > 0)
+    # A ray that misses is followed from where it passes nearest, so that all is finite.
+    entry = o + (passing.along - passing.half) * d
+    inner, _, _ = refract(d, (entry - center) / radius, ior)
+    leave = entry + 2 * chord(entry, inner, center, radius).along * inner
+    outer, _, total = refract(inner, (leave - center) / radius, 1 / ior)
+    place, distance = on_board(leave, outer)
+    reach = jnp.sqrt(jnp.maximum(dot(passing.across, passing.across), TINY)) / radius
+    return Seen(place, reach, hits & ~total & (distance > 0))
+
+
+def local_map(setup: Setup, size: Size, pixels: Float[Array, "n 2"]) -> Float[Array, "n 2 2"]:
+    """The derivative of the place that is seen through the ball by the pixel, "place pixel"."""
+
+    def place(pixel):
+        return see_through(setup, size, pixel[None]).place[0]
+
+    return jax.vmap(jax.jacfwd(place))(pixels)
+
+
+def misses(setup: Setup, size: Size, pixels: Float[Array, "n 2"], places: Float[Array, "n 2"]) -> Float[Array, "n 2"]:
+    """How far pixels are from where places of the board are seen through the ball, in pixels.
+
+    That is the miss on the board, carried back by the local map, which counts as constant. A pixel whose ray does not
+    come through misses by `LOST`, so that no adjustment gains by losing corners.
+    """
+    found = see_through(setup, size, pixels)
+    inverse = jax.lax.stop_gradient(_inverse(local_map(setup, size, pixels)))
+    miss = jnp.einsum("nij,nj->ni", inverse, found.place - places)
+    return jnp.where(found.valid[:, None], miss, LOST)
+
+
+def _inverse(matrix: Float[Array, "n 2 2"]) -> Float[Array, "n 2 2"]:
+    """The inverse of each matrix; 0 where it has none."""
+    (a, b), (c, d) = (matrix[:, 0, 0], matrix[:, 0, 1]), (matrix[:, 1, 0], matrix[:, 1, 1])
+    determinant = a * d - b * c
+    is_there = jnp.abs(determinant) > TINY
+    adjoint = jnp.stack([jnp.stack([d, -b], -1), jnp.stack([-c, a], -1)], -2)
+    return jnp.where(is_there[:, None, None], adjoint / jnp.where(is_there, determinant, 1.0)[:, None, None], 0.0)
