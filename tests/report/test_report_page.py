@@ -1,7 +1,6 @@
 """The page of a fit's report: whole in itself, well formed, complete, harmless, and what a browser makes of it."""
 
 import base64
-import dataclasses
 import functools
 import html.parser
 import io
@@ -163,7 +162,7 @@ def test_the_ellipses_of_many_parameters_are_the_most_correlated(count, ellipses
 
 @pytest.mark.parametrize("status", ["converged", "ambiguous", "degenerate", "not_converged", "interrupted"])
 def test_every_status_has_its_colour(status):
-    page = text_of(dataclasses.replace(fake_result(), status=status))
+    page = text_of(fake_result(status))
     assert f"<h1>{status.replace('_', ' ')}</h1>" in page
     assert re.search(r"--status: #[0-9a-f]{6};", page)
 
@@ -171,7 +170,7 @@ def test_every_status_has_its_colour(status):
 @pytest.mark.filterwarnings("error")
 def test_hostile_names_and_scenes_are_text(tmp_path):
     result = full_result(names=HOSTILE)
-    result = changed(result, message="</p><b>", advice="<i>", uncertainty={"weakest": "<u>"})
+    result = changed(result, ending={"message": "</p><b>", "advice": "<i>"}, uncertainty={"weakest": "<u>"})
     write_report(result, tmp_path)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert not {"script", "b", "i", "u"} & {tag for tag, _ in page.elements}

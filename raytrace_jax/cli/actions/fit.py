@@ -25,8 +25,7 @@ from raytrace_jax.images.transfer import DECODERS, ENCODERS
 from raytrace_jax.inverse.build_problem import as_file_says, asked_for, build_problem
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.result import FitStep
-from raytrace_jax.inverse.result_file import estimate_rows, last_word
+from raytrace_jax.inverse.result import FitStep, estimate_rows, last_word
 from raytrace_jax.inverse.sampling import supersampled
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.fit_report.summary import AFTER

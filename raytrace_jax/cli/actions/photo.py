@@ -21,7 +21,7 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.pictures import is_photograph, read_picture, transfer_of_camera
 from raytrace_jax.inverse.assumptions import Contradiction, looks_like
 from raytrace_jax.inverse.estimate import fit
-from raytrace_jax.inverse.result_file import estimate_rows, last_word
+from raytrace_jax.inverse.result import estimate_rows, last_word
 from raytrace_jax.photo.boards import CharucoBoard, read_board
 from raytrace_jax.photo.calibrate import calibrate
 from raytrace_jax.photo.cameras import COUNT, FOV, LENS

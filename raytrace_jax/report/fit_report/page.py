@@ -1,6 +1,7 @@
 """The page of a fit's report is one HTML file that needs no other file, no network and no script."""
 
 import re
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,27 +30,27 @@ class PaddedNumber(NamedTuple):
     pad: float = 0.0
 
 
-ROW = ("name", "start", "value", "error", "of_noise", "systematic", "bound", "prior", "depends_on")
-
-
 def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str | PaddedNumber]]:
-    """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior and main dependence, by `ROW`."""
-    priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
+    """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior and main dependence."""
+    priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.given.priors}
     dependences = {}
     for name, found in result.depends_on.items():
         change, shift = (number_text(value, 2).lstrip("+") for value in (found.change, abs(found.shift)))
         dependences[name] = f"{found.on}: +{change} moves it by {'+' if found.shift > 0 else '−'}{shift}"
-    errors = (result.total_error, result.standard_error, result.systematic_error, result.uncertainty.cramer_rao)
-    columns = zip(
-        result.labels,
-        _aligned([typeset(f"{start:.8g}") for start in result.initial]),
+    rows = result.rows
+    columns: dict[str, Sequence[str | PaddedNumber]] = {
+        "name": result.labels,
+        "start": _aligned([typeset(f"{row.initial:.8g}") for row in rows]),
         # That an error is not determined or unknown stands in its own column.
-        _aligned([line.partition(",")[0] for line in summary.estimate_lines(result, long)]),
-        *(_aligned([summary.error_text(float(error)) for error in column]) for column in errors),
-        *([table.get(name, "–") for name in result.names] for table in (priors, dependences)),
-        strict=True,
-    )
-    return [dict(zip(ROW, cells, strict=True)) for cells in columns]
+        "value": _aligned([typeset(row.text(long)).partition(",")[0] for row in rows]),
+        "error": _aligned([summary.error_text(row.total_error) for row in rows]),
+        "of_noise": _aligned([summary.error_text(row.standard_error) for row in rows]),
+        "systematic": _aligned([summary.error_text(row.systematic_error) for row in rows]),
+        "bound": _aligned([summary.error_text(row.cramer_rao) for row in rows]),
+        "prior": [priors.get(row.name, "–") for row in rows],
+        "depends_on": [dependences.get(row.name, "–") for row in rows],
+    }
+    return [{name: column[k] for name, column in columns.items()} for k in range(len(rows))]
 
 
 def _aligned(texts: list[str]) -> list[PaddedNumber]:
@@ -152,7 +153,7 @@ def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = F
         has_systematic=bool(np.any(result.systematic_error > 0)),
         assumptions=assumption_rows(result),
         comparison=minima_table(result),
-        settings=[("loss", result.loss), *settings],
+        settings=[("loss", result.given.loss), *settings],
         provenance=provenance_rows(result),
         versions=summary.versions(),
         methods=methods_text(result, long),
