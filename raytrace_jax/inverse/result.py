@@ -4,7 +4,7 @@ import dataclasses
 import html
 import math
 import os
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -13,10 +13,10 @@ from raytrace_jax import inverse
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.assumptions import Dependence, ModelCheck, dependences
 from raytrace_jax.inverse.result_file import load_record
+from raytrace_jax.inverse.result_rows import Estimate, EstimateRow, estimate_table
 from raytrace_jax.inverse.uncertainty import Uncertainty, correlation_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.digits import value_and_error, with_error
 from raytrace_jax.util.text import aligned, did_you_mean, listed
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
@@ -89,58 +89,12 @@ class Profile:
     interval: tuple[float, float]
 
 
-class Estimate(NamedTuple):
-    """One number of the answer.
-
-    Args:
-        error: its total standard deviation; infinity where the picture does not determine the number, NaN where the
-            error is unknown.
-    """
-
-    value: float
-    error: float
-    unit: str
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % interval, of a normal distribution with this error; a profile's is in `FitResult.profiles`."""
-        half = 1.95996 * self.error  # That many standard deviations on either side hold 95 % of a normal distribution.
-        return self.value - half, self.value + half
-
-    def __str__(self) -> str:
-        return with_error(self.value, self.error)
-
-
-class EstimateRow(NamedTuple):
-    """All that is known of one free number: every table of the estimates is written from these rows.
-
-    Args:
-        name, label: as the user spelled it, and as people read it (`FitResult.labels`).
-        resolution, cramer_rao: as in `Uncertainty`.
-    """
-
-    name: str
-    label: str
-    unit: str
-    initial: float
-    value: float
-    standard_error: float
-    resolution: float
-    systematic_error: float
-    total_error: float
-    cramer_rao: float
-
-    def text(self, long: bool = False) -> str:
-        """The estimate with its total error, as `with_error`."""
-        return with_error(self.value, self.total_error, long)
-
-
 @dataclasses.dataclass(frozen=True)
 class FitPictures:
     """The pictures of a fit and how they differ.
 
     Args:
-        start, estimate: the picture at the start and at the estimate, developed by the film there; None where the
+        start, estimate: the picture at the start and at the estimate, under the camera response there; None where the
             fit was stopped before it was rendered.
         rms_residual: root mean square of estimate minus target over all pixels that count and channels, unblurred; NaN
             where the fit was stopped before.
@@ -334,7 +288,7 @@ class FitResult:
 
     def summary(self) -> str:
         """The estimates, a line each, and the last word: what the command line prints."""
-        heads, rows = estimate_rows(self)
+        heads, rows = estimate_table(self.rows)
         return "\n".join([*aligned([heads, *rows]), last_word(self)])
 
     def save(self, folder: str | os.PathLike[str]) -> None:
@@ -357,29 +311,11 @@ class FitResult:
         return f"<FitResult {self.status}: {rows}>"
 
     def _repr_html_(self) -> str:
-        heads, rows = estimate_rows(self)
+        heads, rows = estimate_table(self.rows)
         cells = [[f"<th>{html.escape(text)}</th>" for text in heads]]
         cells += [[f"<td>{html.escape(text)}</td>" for text in row] for row in rows]
         table = "".join(f"<tr>{''.join(row)}</tr>" for row in cells)
         return f"<table>{table}</table><p>{html.escape(last_word(self))}</p>"
-
-
-def estimate_rows(result: FitResult, long: bool = False) -> tuple[list[str], list[tuple[str, ...]]]:
-    """The heads and rows of a table of the estimates: name, start, estimate with the error to publish, and its parts.
-
-    `long` writes `1.337 +- 0.002` in place of `1.337(2)`.
-    """
-    # No error is shown if none is known, and its parts only if there are several.
-    if np.all(np.isnan(result.standard_error)):
-        return ["parameter", "initial", "estimate"], [
-            (row.label, f"{row.initial:.8g}", f"{row.value:.8g}") for row in result.rows
-        ]
-    has_parts = bool(np.any(result.systematic_error > 0))
-    rows = []
-    for row in result.rows:
-        parts = (row.standard_error, row.systematic_error) if has_parts else ()
-        rows.append((row.label, f"{row.initial:.8g}", row.text(long), *(value_and_error(0.0, e)[1] for e in parts)))
-    return ["parameter", "initial", "estimate", *(["of noise", "of the model"] if has_parts else [])], rows
 
 
 def last_word(result: FitResult) -> str:

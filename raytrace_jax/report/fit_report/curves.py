@@ -1,4 +1,4 @@
-"""Panels draw the curves of a fit's report: the cost, each parameter's way, 95 % ellipses and profile likelihoods."""
+"""The curves of a fit's report: the cost, each parameter's way, 95 % ellipses and profile likelihoods."""
 
 import itertools
 import math

@@ -1,6 +1,5 @@
-"""A fit's report on one sheet shows its pictures, what is left of them, how the search went and how sure it is."""
+"""A fit's report on one sheet: its pictures, what is left of them, how the search went and how sure it is."""
 
-import io
 import math
 import textwrap
 from collections.abc import Callable, Sequence
@@ -23,6 +22,7 @@ from raytrace_jax.report.panels import (
     draw_signed_values,
     drawable,
     letter_panels,
+    png_bytes,
     remove_ticks,
 )
 
@@ -64,10 +64,8 @@ def embed(image: Image.Image, colours: int | None = None) -> Embedded:
     # Pictures above 1600 pixels are reduced: a page has no room for more, and a mail no patience.
     image = image.reduce(-(-max(image.size) // 1600))
     image = image.quantize(colours) if colours else image
-    file = io.BytesIO()
-    image.save(file, "PNG", compress_level=1)
     # Pictures below 200 pixels are shown with visible pixels rather than smoothed.
-    return Embedded(data_address(file.getvalue()), *image.size, coarse=image.width < 200)
+    return Embedded(data_address(png_bytes(image)), *image.size, coarse=image.width < 200)
 
 
 KEY = """\

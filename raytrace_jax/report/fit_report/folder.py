@@ -1,4 +1,4 @@
-"""The report of a fit is a folder with the estimates, pictures, the fitted scene, a figure and a page to read."""
+"""The report of a fit: a folder with the estimates, pictures, the fitted scene, a figure and a page to read."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""A paragraph for the methods section of a paper says what a fit did, with its references."""
+"""A paragraph for the methods section of a paper on what a fit did, with its references."""
 
 import itertools
 from pathlib import Path

@@ -1,8 +1,6 @@
-"""The page of a fit's report is one HTML file that needs no other file, no network and no script."""
+"""The page of a fit's report: one HTML file that needs no other file, no network and no script."""
 
 import re
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -23,42 +21,27 @@ PROVENANCE = ("target", "target_size", "target_bytes", "target_sha256", "command
 POSITIVE, NEGATIVE = "178, 24, 43", "33, 102, 172"
 
 
-class PaddedNumber(NamedTuple):
-    """A number of a column, moved to the left by `pad` digits for the column's decimal points to meet."""
-
-    text: str
-    pad: float = 0.0
-
-
-def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str | PaddedNumber]]:
+def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str]]:
     """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior and main dependence."""
     priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.given.priors}
     dependences = {}
     for name, found in result.depends_on.items():
         change, shift = (number_text(value, 2).lstrip("+") for value in (found.change, abs(found.shift)))
         dependences[name] = f"{found.on}: +{change} moves it by {'+' if found.shift > 0 else '−'}{shift}"
-    rows = result.rows
-    columns: dict[str, Sequence[str | PaddedNumber]] = {
-        "name": result.labels,
-        "start": _aligned([typeset(f"{row.initial:.8g}") for row in rows]),
-        # That an error is not determined or unknown stands in its own column.
-        "value": _aligned([typeset(row.text(long)).partition(",")[0] for row in rows]),
-        "error": _aligned([summary.error_text(row.total_error) for row in rows]),
-        "of_noise": _aligned([summary.error_text(row.standard_error) for row in rows]),
-        "systematic": _aligned([summary.error_text(row.systematic_error) for row in rows]),
-        "bound": _aligned([summary.error_text(row.cramer_rao) for row in rows]),
-        "prior": [priors.get(row.name, "–") for row in rows],
-        "depends_on": [dependences.get(row.name, "–") for row in rows],
-    }
-    return [{name: column[k] for name, column in columns.items()} for k in range(len(rows))]
-
-
-def _aligned(texts: list[str]) -> list[PaddedNumber]:
-    """Pad numbers, also with (error), such that their decimal points meet; a point is about half as wide as a digit."""
-    plain = [re.fullmatch(r"−?\d+((?:\.\d+)?(?:\(\d+\))?)", text) for text in texts]
-    widths = [len(match[1]) - 0.5 if match and match[1] else 0.0 for match in plain]
     return [
-        PaddedNumber(t, max(widths) - w if match else 0.0) for t, w, match in zip(texts, widths, plain, strict=True)
+        {
+            "name": row.label,
+            "start": typeset(f"{row.initial:.8g}"),
+            # That an error is not determined or unknown stands in its own column.
+            "value": typeset(row.text(long)).partition(",")[0],
+            "error": summary.error_text(row.total_error),
+            "of_noise": summary.error_text(row.standard_error),
+            "systematic": summary.error_text(row.systematic_error),
+            "bound": summary.error_text(row.cramer_rao),
+            "prior": priors.get(row.name, "–"),
+            "depends_on": dependences.get(row.name, "–"),
+        }
+        for row in result.rows
     ]
 
 

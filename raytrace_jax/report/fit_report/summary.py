@@ -1,4 +1,4 @@
-"""A fit's numbers are written as a reader meets them, as plain values, as CSV and as LaTeX."""
+"""A fit's numbers as a reader meets them: in print, as plain values, as CSV and as LaTeX."""
 
 import csv
 import dataclasses
