@@ -9,6 +9,7 @@ import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from raytrace_jax import inverse as _inverse
 from raytrace_jax._version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -81,3 +82,10 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return sorted({"__all__", *_public(), *(name for name in globals() if name.startswith("__"))})
+
+
+def _write_report(*arguments: object) -> None:
+    __getattr__("write_report")(*arguments)  # pyright: ignore[reportCallIssue]
+
+
+_inverse.write_report = _write_report

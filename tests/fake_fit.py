@@ -9,7 +9,7 @@ from raytrace_jax import FitResult, load_scene
 from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck
 from raytrace_jax.inverse.judge.structure import PairScores
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.result import FitHistory, FitPictures, FitStep, Minimum, Profile
+from raytrace_jax.inverse.result import Ending, FitHistory, FitPictures, FitStep, Given, Minimum, Profile
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 VITREOUS = Path(__file__).parent.parent / "data" / "vitreous.txt"
@@ -24,14 +24,9 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
     error = np.array([2.3e-4] * (len(names) - 1) + [np.inf])
     steps = ((0, 2.0, 0, 5.0, True), (0, 2.0, 1, 1.0, True), (1, 0.0, 0, 0.5, True), (1, 0.0, 1, 0.6, False))
     return FitResult(
-        status=status,
-        message="The solver came to rest.",
-        advice="Nothing needs to be done.",
+        ending=Ending(status, "The solver came to rest.", "Nothing needs to be done."),
         names=names,
-        units=("unit of index",) * len(names),
         value=value,
-        initial=initial,
-        at_bound=(),
         uncertainty=Uncertainty(
             standard_error=error,
             covariance=np.where(np.eye(len(names)) > 0, np.append(error[:-1], 1.0) ** 2, np.nan),
@@ -45,11 +40,8 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
             undetermined=names[-1:],
         ),
         check=ModelCheck.nothing(len(names)),
-        loss="l2",
-        target_samples=None,
         profiles=(),
-        priors=(),
-        ties=(),
+        given=Given(initial, ("unit of index",) * len(names)),
         scene=load_scene(VITREOUS),
         settings=ResolvedSettings(size=shape[:0:-1]),
         pictures=FitPictures(
@@ -86,14 +78,13 @@ def full_result(shape=(3, 60, 80), names=NAMES):
     weights = np.ones(shape[1:])
     weights[: shape[1] // 6, : shape[2] // 5] = 0
     return FitResult(
-        status="ambiguous",
-        message="The solver came to rest, but another minimum explains the target as well: its vitreous.ior is 1.71.",
-        advice="Give a prior on vitreous.ior, or a second picture from another side.",
+        ending=Ending(
+            "ambiguous",
+            "The solver came to rest, but another minimum explains the target as well: its vitreous.ior is 1.71.",
+            "Give a prior on vitreous.ior, or a second picture from another side.",
+        ),
         names=names,
-        units=("unit of index",) * len(names),
         value=value,
-        initial=initial,
-        at_bound=(),
         uncertainty=Uncertainty(
             standard_error=error,
             covariance=covariance,
@@ -116,11 +107,15 @@ def full_result(shape=(3, 60, 80), names=NAMES):
             stated=0.29 * covariance,
             structure=0.2 * covariance,
         ),
-        loss="cauchy",
-        target_samples=8,
         profiles=(profile(names, 0, value, error), profile(names, count - 1, value, error, one_sided=True)),
-        priors=((names[-1], 2.3, 0.05),),
-        ties=(("central.radius", names[-1]),),
+        given=Given(
+            initial,
+            ("unit of index",) * count,
+            priors=((names[-1], 2.3, 0.05),),
+            ties=(("central.radius", names[-1]),),
+            loss="cauchy",
+            target_samples=8,
+        ),
         scene=load_scene(VITREOUS),
         settings=ResolvedSettings(size=shape[:0:-1], edges="aware"),
         pictures=FitPictures(

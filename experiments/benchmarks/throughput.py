@@ -18,7 +18,7 @@ from programs import SCENE, seconds, set_up
 from raytrace_jax import load_scene, render, set_parameters
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
-from raytrace_jax.batch.run import chunks, run_chunk
+from raytrace_jax.batch.run import run_and_record
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import write_film
 from raytrace_jax.scene.scene import map_scenes
@@ -82,8 +82,8 @@ def build(count: int):
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             (folder / "plan.toml").write_text(PLAN.format(scene=SCENE.as_posix(), count=count))
-            for chunk in chunks(expand(read_plan(folder / "plan.toml")), folder):
-                run_chunk(chunk, folder)
+            for job in expand(read_plan(folder / "plan.toml")):
+                run_and_record(job, folder)
 
     return {"trace": trace, "render": render_all, "write": write, "batch": batch}
 

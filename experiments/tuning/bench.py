@@ -13,10 +13,10 @@ from unittest import mock
 import numpy as np
 
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
-from raytrace_jax.inverse import search as scanning
 from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.solve import search as scanning
 from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from typing import Any
+from unittest import mock
 
 import jax
 import numpy as np
@@ -10,7 +11,7 @@ from replacing import replaced
 
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty, quantify_uncertainty
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.prediction import Tracer
+from raytrace_jax.inverse.problem.prediction import ForwardModel
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.solve.refine import refine as solve
 
@@ -56,7 +57,7 @@ BOX_HEAD = ("scene", "number", "value", "error / bound", "steps", "fine rays a p
 def box_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
     """Targets without noise that are means over each pixel: the error beside the bound for noise of 1/255."""
     bench, rays = Bench(CASES[name], size), []
-    render_points = Tracer.points
+    render_points = ForwardModel().points
 
     def counted(scenes, points, settings):
         rays.append(points.shape[1])
@@ -75,11 +76,8 @@ def box_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]
         found = " ".join(f"{error:.3f}" for error in errors)
         return [found, str(steps), f"{sum(rays) / (count * size[0] * size[1]):.0f}"]
 
-    Tracer.points = staticmethod(counted)  # pyright: ignore[reportAttributeAccessIssue]
-    try:
+    with mock.patch("raytrace_jax.inverse.problem.problem.forward_model", lambda _: ForwardModel(points=counted)):
         yield from varied(name, bench, BOX, outcome)
-    finally:
-        Tracer.points = staticmethod(render_points)
 
 
 POINT_HEAD = ("scene", "number", "value", "settled", "rms error / error bar", "error without noise", "steps")

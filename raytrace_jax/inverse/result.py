@@ -1,20 +1,23 @@
 """The result of a fit."""
 
 import dataclasses
+import html
 import math
 import os
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from raytrace_jax import inverse
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.judge.assumptions import Dependence, ModelCheck, dependences
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty, correlation_of
+from raytrace_jax.inverse.result_file import load_record
+from raytrace_jax.inverse.result_rows import Estimate, EstimateRow, estimate_table
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.digits import with_error
-from raytrace_jax.util.text import did_you_mean, listed
+from raytrace_jax.util.text import aligned, did_you_mean, listed
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
 
@@ -86,34 +89,12 @@ class Profile:
     interval: tuple[float, float]
 
 
-class Estimate(NamedTuple):
-    """One number of the answer.
-
-    Args:
-        error: its total standard deviation; infinity where the picture does not determine the number, NaN where the
-            error is unknown.
-    """
-
-    value: float
-    error: float
-    unit: str
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % interval, of a normal distribution with this error; a profile's is in `FitResult.profiles`."""
-        half = 1.95996 * self.error  # That many standard deviations on either side hold 95 % of a normal distribution.
-        return self.value - half, self.value + half
-
-    def __str__(self) -> str:
-        return with_error(self.value, self.error)
-
-
 @dataclasses.dataclass(frozen=True)
 class FitPictures:
     """The pictures of a fit and how they differ.
 
     Args:
-        start, estimate: the picture at the start and at the estimate, developed by the film there; None where the
+        start, estimate: the picture at the start and at the estimate, under the camera response there; None where the
             fit was stopped before it was rendered.
         rms_residual: root mean square of estimate minus target over all pixels that count and channels, unblurred; NaN
             where the fit was stopped before.
@@ -144,9 +125,9 @@ class FitHistory:
     runner_ups: tuple[Minimum, ...]
 
 
-@dataclasses.dataclass(frozen=True, repr=False)
-class FitResult:
-    """The estimate, how sure it is, and how it came about.
+@dataclasses.dataclass(frozen=True)
+class Ending:
+    """How a fit ended.
 
     Args:
         status: `converged`: the solver came to rest, the picture is explained, and it determines every parameter;
@@ -154,34 +135,57 @@ class FitResult:
             determined; `model_incomplete`: the residual is more than noise, so that something in the target is not as
             the scene says; `not_converged`: the solver still moved, or the picture is far from explained;
             `interrupted`: stopped by the user or a budget.
-        names: the free scalar parameters, as the user spelled them.
         at_bound: (name, bound) of each estimate that ran to the end of its range.
-        check: the fixed numbers that they depend on, and what the residual shows beside noise.
-        priors: (name, mean, standard deviation) of each prior.
-        ties: (follower, leader) of each tie.
-        loss: the loss of the last level, `l2` or `cauchy`; the requested one where the fit did not reach that level.
-        target_samples: n, where each of the target's pixels was taken for the mean of n x n samples on a regular grid;
-            1 is a point, None the mean over the whole pixel.
-        provenance: what was fitted, when and how, in words: `date`, `target_sha256`, and `seconds` up to the last step.
-            From the command line also `target`, the file whose hash it is, `target_bytes`, its size, `command`, and
-            `seconds_after_the_last_step`, in which the estimate was judged.
     """
 
     status: Status
     message: str
     advice: str
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    value: Float[np.ndarray, " parameters"]
+    at_bound: tuple[tuple[str, float], ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Given:
+    """What a fit started from, and how it compared the pictures.
+
+    Args:
+        initial, units: of the free parameters.
+        priors: (name, mean, standard deviation) of each prior.
+        ties: (follower, leader) of each tie.
+        loss: the loss of the last level, `l2` or `cauchy`; the requested one where the fit did not reach that level.
+        target_samples: n, where each of the target's pixels was taken for the mean of n x n samples on a regular grid;
+            1 is a point, None the mean over the whole pixel.
+    """
+
     initial: Float[np.ndarray, " parameters"]
-    at_bound: tuple[tuple[str, float], ...]
+    units: tuple[str, ...]
+    priors: tuple[tuple[str, float, float], ...] = ()
+    ties: tuple[tuple[str, str], ...] = ()
+    loss: str = "l2"
+    target_samples: int | None = None
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class FitResult:
+    """The estimate, how sure it is, and how it came about.
+
+    Args:
+        ending: the status and its reason; `result.status`, `result.message` and `result.advice` are its.
+        names: the free scalar parameters, as the user spelled them.
+        check: the fixed numbers that they depend on, and what the residual shows beside noise.
+        given: starts, priors, ties and the loss; `result.initial` and `result.target_samples` are its.
+        provenance: what was fitted, when and how, in words: `date`, `target_sha256`, and `seconds` up to the last step.
+            From the command line also `target`, the file whose hash it is, `target_bytes`, its size, `command`, and
+            `seconds_after_the_last_step`, in which the estimate was judged.
+    """
+
+    ending: Ending
+    names: tuple[str, ...]
+    value: Float[np.ndarray, " parameters"]
     uncertainty: Uncertainty
     check: ModelCheck
     profiles: tuple[Profile, ...]
-    priors: tuple[tuple[str, float, float], ...]
-    ties: tuple[tuple[str, str], ...]
-    loss: str
-    target_samples: int | None
+    given: Given
     scene: Scene
     settings: ResolvedSettings
     pictures: FitPictures
@@ -189,11 +193,36 @@ class FitResult:
     provenance: dict[str, str] = dataclasses.field(default_factory=dict)
 
     @property
+    def status(self) -> Status:
+        """The word for how the fit ended."""
+        return self.ending.status
+
+    @property
+    def message(self) -> str:
+        """Why the status is what it is."""
+        return self.ending.message
+
+    @property
+    def advice(self) -> str:
+        """What to do about it; empty where there is nothing to do."""
+        return self.ending.advice
+
+    @property
+    def initial(self) -> Float[np.ndarray, " parameters"]:
+        """The free parameters at the start."""
+        return self.given.initial
+
+    @property
+    def target_samples(self) -> int | None:
+        """The n x n samples of the target's pixels, as in `Given`."""
+        return self.given.target_samples
+
+    @property
     def labels(self) -> tuple[str, ...]:
         """The names as people read them: that of a vector whose other two numbers are tied to the free one."""
         stems = [name.rpartition(".")[0] for name in self.names]
         tied = [
-            sum(leader == name and follower.rpartition(".")[0] == stem for follower, leader in self.ties)
+            sum(leader == name and follower.rpartition(".")[0] == stem for follower, leader in self.given.ties)
             for name, stem in zip(self.names, stems, strict=True)
         ]
         return tuple(stem if n == 2 else name for name, stem, n in zip(self.names, stems, tied, strict=True))
@@ -231,10 +260,19 @@ class FitResult:
         return found.words if found else ""
 
     @property
+    def rows(self) -> list[EstimateRow]:
+        """The estimates, a row each."""
+        sure = self.uncertainty
+        columns = [self.given.initial, self.value, self.standard_error, sure.resolution]
+        columns += [self.systematic_error, self.total_error, sure.cramer_rao]
+        numbers = np.stack(columns, axis=1).tolist()
+        heads = zip(self.names, self.labels, self.given.units, strict=True)
+        return [EstimateRow(*head, *row) for head, row in zip(heads, numbers, strict=True)]
+
+    @property
     def parameters(self) -> dict[str, Estimate]:
         """The estimates by name."""
-        rows = zip(self.names, self.value, self.total_error, self.units, strict=True)
-        return {name: Estimate(float(value), float(error), unit) for name, value, error, unit in rows}
+        return {row.name: Estimate(row.value, row.total_error, row.unit) for row in self.rows}
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of a free number, as `result["glass.ior"]`: its value, its error, its unit, its interval.
@@ -250,15 +288,12 @@ class FitResult:
 
     def summary(self) -> str:
         """The estimates, a line each, and the last word: what the command line prints."""
-        from raytrace_jax.inverse.result_file import summary
-
-        return summary(self)
+        heads, rows = estimate_table(self.rows)
+        return "\n".join([*aligned([heads, *rows]), last_word(self)])
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write the report into a folder; see `write_report`."""
-        from raytrace_jax.report.fit_report.folder import write_report
-
-        write_report(self, folder)
+        inverse.write_report(self, folder)
 
     @staticmethod
     def load(folder: str | os.PathLike[str]) -> "FitResult":
@@ -269,15 +304,26 @@ class FitResult:
         Raises:
             RaytraceError: there is no report, or it was written by another version.
         """
-        from raytrace_jax.inverse.result_file import load_result
-
-        return load_result(folder)
+        return load_record(folder, FitResult)
 
     def __repr__(self) -> str:
         rows = ", ".join(f"{name} {estimate}" for name, estimate in self.parameters.items())
         return f"<FitResult {self.status}: {rows}>"
 
     def _repr_html_(self) -> str:
-        from raytrace_jax.inverse.result_file import as_html
+        heads, rows = estimate_table(self.rows)
+        cells = [[f"<th>{html.escape(text)}</th>" for text in heads]]
+        cells += [[f"<td>{html.escape(text)}</td>" for text in row] for row in rows]
+        table = "".join(f"<tr>{''.join(row)}</tr>" for row in cells)
+        return f"<table>{table}</table><p>{html.escape(last_word(self))}</p>"
 
-        return as_html(self)
+
+def last_word(result: FitResult) -> str:
+    """The fit's ending, its reason, advice, and what the answer rests on, a sentence each."""
+    sentences = f"{result.status}: {result.message}", as_sentence(result.advice), as_sentence(result.rests_on)
+    return " ".join(f"{words.rstrip('.')}." for words in sentences if words)
+
+
+def as_sentence(words: str) -> str:
+    """Words with a capital letter, unless they begin with a name."""
+    return words if "." in words.partition(" ")[0] else words[:1].upper() + words[1:]

@@ -15,7 +15,17 @@ from raytrace_jax.inverse.judge.uncertainty import Uncertainty, quantify_uncerta
 from raytrace_jax.inverse.observe.sampling import samples_of
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.result import PROFILE_95, FitHistory, FitPictures, FitResult, Minimum, Profile, Status
+from raytrace_jax.inverse.result import (
+    PROFILE_95,
+    Ending,
+    FitHistory,
+    FitPictures,
+    FitResult,
+    Given,
+    Minimum,
+    Profile,
+    Status,
+)
 from raytrace_jax.inverse.solve.steps import Recorder, bounds_reached
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.util.numerics import MAD_TO_SIGMA
@@ -266,21 +276,20 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
 
     # The result.
     return FitResult(
-        status=status,
-        message=message,
-        advice=advice,
+        ending=Ending(status, message, advice, at_bound),
         names=names,
-        units=tuple(resolve(problem.scene, name).attribute.unit for name in names),
         value=problem.values(y),
-        initial=problem.unknowns.initial(problem.scene),
-        at_bound=at_bound,
         uncertainty=dataclasses.replace(uncertainty, sigma=uncertainty.sigma * problem.unit),
         check=check,
         profiles=findings.profiles,
-        priors=tuple((name, *prior) for name, prior in setup.priors.items()),
-        ties=problem.unknowns.ties,
-        loss=loss,
-        target_samples=target_samples,
+        given=Given(
+            initial=problem.unknowns.initial(problem.scene),
+            units=tuple(resolve(problem.scene, name).attribute.unit for name in names),
+            priors=tuple((name, *prior) for name, prior in setup.priors.items()),
+            ties=problem.unknowns.ties,
+            loss=loss,
+            target_samples=target_samples,
+        ),
         scene=problem.scene_at(y),
         settings=dataclasses.replace(problem.base, edges=edges),
         pictures=pictures,

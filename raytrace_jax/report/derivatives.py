@@ -1,4 +1,4 @@
-"""A sheet shows a picture's derivatives, one signed panel for each parameter; finite differences check them."""
+"""A sheet of a picture's derivatives, one signed panel for each parameter, and their check by finite differences."""
 
 import math
 from collections.abc import Sequence
@@ -10,19 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from raytrace_jax.images import Transfer
-from raytrace_jax.report.panels import as_pixels, draw_signed_values, drawable, remove_ticks
+from raytrace_jax.report.panels import as_pixels, draw_signed_values, drawable, panel_bands
 from raytrace_jax.tracer.derivatives import PictureDerivatives, correlation, relative_error
 
 Verdict = Literal["agree", "agree but for pixels", "disagree", "undecided"]
-
-LARGEST_ERROR = 0.4
-"""A derivative picture agrees if its relative L2 error is at most this: one edge-aware sample a pixel is that good on
-all of 52 pictures of random sizes (experiments/edge_gradients)."""
-
-PIXEL_FRACTION = 0.1
-"""A derivative disagrees if one pixel that holds more of its squared norm than this is wrong."""
-
-CELL = 3.0  # inches
 
 
 class Pixel(NamedTuple):
@@ -71,10 +62,17 @@ def check_derivative(
     difference: Float[np.ndarray, "3 height width"],
     spread: float,
     origin: tuple[int, int] = (0, 0),
+    largest_error: float = 0.4,
+    pixel_fraction: float = 0.1,
 ) -> DerivativeCheck:
-    """Compare a derivative picture with finite differences of which the relative L2 error, `spread`, is about known.
+    """Compare a derivative picture with finite differences.
 
-    `origin` is column and row of the first pixel in the whole picture.
+    Args:
+        spread: about the relative L2 error of the differences.
+        origin: column and row of the first pixel in the whole picture.
+        largest_error: a derivative agrees if its relative L2 error is at most this. One edge-aware sample a pixel is
+            that good on all of 52 pictures of random sizes (experiments/edge_gradients).
+        pixel_fraction: it disagrees if one pixel is wrong that holds more of its squared norm than this.
     """
     # How far the two are apart, in the whole picture and in each pixel.
     derivative, difference = np.asarray(derivative, np.float64), np.asarray(difference, np.float64)
@@ -86,11 +84,11 @@ def check_derivative(
     left_errors, left_expected = (
         np.append(np.cumsum(values.ravel()[worst_first][::-1])[::-1], 0.0) for values in (errors, expected)
     )
-    exceptions = int(np.argmax(left_errors <= LARGEST_ERROR**2 * left_expected))
+    exceptions = int(np.argmax(left_errors <= largest_error**2 * left_expected))
 
     # A single pixel decides if it holds much, is off by more than half of itself, and by more than the differences' own
     # error in the whole picture, which may all lie in it.
-    outstanding = (squares > PIXEL_FRACTION * np.sum(squares)) & (errors > 0.5**2 * squares)
+    outstanding = (squares > pixel_fraction * np.sum(squares)) & (errors > 0.5**2 * squares)
     outstanding &= errors > spread**2 * np.sum(difference**2)
 
     # The words name the pixel that adds most to the error.
@@ -103,7 +101,7 @@ def check_derivative(
     # Differences that are themselves uncertain prove nothing. Wrong pixels are exceptions up to 0.5 % of those that
     # depend on the parameter, and a disagreement beyond.
     verdict: Verdict
-    if spread <= LARGEST_ERROR and (outstanding.any() or exceptions == 0):
+    if spread <= largest_error and (outstanding.any() or exceptions == 0):
         verdict = "disagree" if outstanding.any() else "agree"
     elif error <= 2 * spread:
         verdict = "undecided"
@@ -126,19 +124,15 @@ def draw_gradients(
     derivatives' relative errors and correlations and the `verdicts`; below the picture stands their `caption`. `origin`
     is column and row of the first pixel in the whole picture.
     """
-    # Room for each panel in inches: at most five in a row, with their titles and the words on how they agree.
+    # Room for each panel in inches: at most five in a row, with their titles and the words on how they agree. A place
+    # has one panel, or two: the derivative above, the difference below.
     _, height, width = found.image.shape
     panels = 1 + len(found.names)
-    bands = math.ceil(panels / 5)
-    columns = math.ceil(panels / bands)
+    columns = math.ceil(panels / math.ceil(panels / 5))
     rows_each = 1 if differences is None else 2
-    panel_height = min(6.0, max(1.2, 0.7 * CELL * height / width))
+    panel_height = min(6.0, max(1.2, 2.1 * height / width))
     band_height = rows_each * panel_height + 0.35 + (0.85 if rows_each == 2 else 0)
-    figure = Figure(figsize=(CELL * columns, band_height * bands), dpi=150, layout="constrained")
-
-    # A band has one row of panels, or two: derivatives above, differences below.
-    axes = figure.subplots(bands * rows_each, columns, squeeze=False)
-    axes = axes.reshape(bands, rows_each, columns).swapaxes(1, 2).reshape(bands * columns, rows_each)
+    figure, axes = panel_bands(panels, columns, rows_each, 3.0, band_height)
     axes[0, 0].imshow(as_pixels(found.image, transfer))
     axes[0, 0].set_title("picture", fontsize=9)
     if differences is not None:
@@ -156,9 +150,6 @@ def draw_gradients(
             words = f"relative L2 error {error:.3g}", f"correlation {agreement:.3f}".replace("-", "−")
             title = "\n".join(["finite difference", *words, *verdicts[number : number + 1]])
             draw_signed(below[0], differences[number], limit, unit, title, origin)
-    remove_ticks(axes.ravel())
-    for ax in axes[panels:].ravel():
-        ax.set_visible(False)
     return figure
 
 
@@ -184,7 +175,7 @@ def draw_signed(
         if (fraction := squares[beyond].sum() / squares.sum()) >= 0.25:
             said.append(f"and make {100 * fraction:.0f} % of its sum of squares")
         row, column = np.unravel_index(np.argmax(squares), squares.shape)
-        if (largest := squares[row, column] / squares.sum()) >= PIXEL_FRACTION:
+        if (largest := squares[row, column] / squares.sum()) >= 0.1:
             said.append(f"({100 * largest:.0f} % pixel {origin[0] + column}, {origin[1] + row} alone)")
     ax.set_title(title, fontsize=9)
     draw_signed_values(ax, mean, limit, bool(beyond.any()), "\n".join(said))

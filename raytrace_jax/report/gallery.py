@@ -1,4 +1,4 @@
-"""A gallery renders pictures one after the other and draws a labelled sheet of them."""
+"""Galleries: pictures rendered one after the other, and a labelled sheet of them."""
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -10,15 +10,13 @@ from matplotlib.figure import Figure
 from raytrace_jax.images import Transfer
 from raytrace_jax.report import GallerySet
 from raytrace_jax.report.derivatives import draw_signed, scale_limit
-from raytrace_jax.report.panels import as_pixels, remove_ticks
+from raytrace_jax.report.panels import as_pixels, panel_bands
 from raytrace_jax.scene.parameters import blocks_of, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-
-CELL = 3.6  # inches
 
 _GLASS = """
 settings main {{ model physical samples 4 least_weight 1e-4 }}
@@ -143,21 +141,13 @@ def draw_gallery(
     """Draw pictures of one size in rows of `columns`; each derivative has one colour scale for all of them."""
     names = pictures[0].names
     _, height, width = pictures[0].image.shape
-    bands, rows_each = -(-len(pictures) // columns), 1 + len(names)
-    size = CELL * columns, (0.9 * CELL * height / width + 0.3) * bands * rows_each
-    figure = Figure(figsize=size, dpi=150, layout="constrained")
-    axes = figure.subplots(bands * rows_each, columns, squeeze=False)
+    rows_each = 1 + len(names)
+    figure, axes = panel_bands(len(pictures), columns, rows_each, 3.6, (3.24 * height / width + 0.3) * rows_each)
     derivatives = [np.asarray(picture.values) for picture in pictures]
     limits = [max(scale_limit(values[k]) for values in derivatives) or 1.0 for k in range(len(names))]
-    for place, (title, picture) in enumerate(zip(titles, pictures, strict=True)):
-        band, column = divmod(place, columns)
-        ax = axes[band * rows_each, column]
-        ax.imshow(as_pixels(picture.image, transfer))
-        ax.set_title(title, fontsize=9)
-        for k, name in enumerate(names):
-            ax = axes[band * rows_each + 1 + k, column]
-            draw_signed(ax, derivatives[place][k], limits[k], picture.units[k], f"d.{name}")
-    remove_ticks(axes.ravel())
-    for ax in axes.ravel()[len(pictures) * rows_each :]:
-        ax.set_visible(False)
+    for (shown, *below), title, picture, values in zip(axes, titles, pictures, derivatives, strict=True):
+        shown.imshow(as_pixels(picture.image, transfer))
+        shown.set_title(title, fontsize=9)
+        for k, ax in enumerate(below):
+            draw_signed(ax, values[k], limits[k], picture.units[k], f"d.{names[k]}")
     return figure

@@ -1,4 +1,4 @@
-"""A page on this machine shows pictures, derivatives and rays of a scene whose numbers move."""
+"""A page on this machine with pictures, derivatives and rays of a scene whose numbers move."""
 
 import dataclasses
 import io
@@ -18,7 +18,7 @@ from PIL import Image
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
 from raytrace_jax.images import Transfer
 from raytrace_jax.report.derivatives import scale_limit
-from raytrace_jax.report.panels import SIGNED, as_pixels, data_address, page_template, signed_pixels
+from raytrace_jax.report.panels import SIGNED, as_pixels, data_address, page_template, png_bytes, signed_pixels
 from raytrace_jax.report.rays import draw_tree
 from raytrace_jax.scene.parameters import get_parameter, resolve, set_parameters
 from raytrace_jax.scene.scene import Scene
@@ -87,7 +87,7 @@ class Studio:
         """The picture as PNG."""
         image = np.asarray(render(scene, self.settings).image)
         self.compiled.add("picture")
-        return as_png(as_pixels(image, self.transfer))
+        return png_bytes(Image.fromarray(as_pixels(image, self.transfer)))
 
     def derivative(self, scene: Scene, name: str) -> tuple[bytes, ColorScale]:
         """The derivative by a number as PNG, the mean of R, G and B, and what its colours mean.
@@ -99,7 +99,7 @@ class Studio:
         self.compiled.add("derivative")
         mean = np.nan_to_num(np.asarray(found.values[found.names.index(name)].mean(axis=0), np.float64))
         scale = scale_of(mean, resolve(scene, name).attribute.unit)
-        return as_png(signed_pixels(mean, scale.limit)), scale
+        return png_bytes(Image.fromarray(signed_pixels(mean, scale.limit))), scale
 
     def rays(self, scene: Scene, column: int, row: int) -> bytes:
         """The rays of a pixel of the whole picture as SVG."""
@@ -119,18 +119,6 @@ def scale_of(mean: Float[np.ndarray, "height width"], unit: str) -> ColorScale:
     changed = np.abs(mean[mean != 0])
     beyond = float(np.mean(changed > limit)) if changed.size else 0.0
     return ColorScale(limit, tuple(float(tick) + 0.0 for tick in ticks if abs(tick) <= limit), unit, beyond)
-
-
-def scale_colours(count: int = 33) -> list[str]:
-    """Colours of the scale from its first to its last, as CSS writes them."""
-    return [matplotlib.colors.to_hex(colour) for colour in SIGNED(np.linspace(0, 1, count))]
-
-
-def as_png(pixels: np.ndarray) -> bytes:
-    """8-bit pixels "height width 3" as a PNG, quickly compressed."""
-    with io.BytesIO() as file:
-        Image.fromarray(np.ascontiguousarray(pixels)).save(file, "png", compress_level=1)
-        return file.getvalue()
 
 
 def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
@@ -215,5 +203,5 @@ def render_page(studio: Studio, title: str) -> str:
         window=studio.settings.window(studio.scene.camera.pixeldim),
         edges=studio.edges,
         compiled=sorted(studio.compiled),
-        colours=scale_colours(),
+        colours=[matplotlib.colors.to_hex(colour) for colour in SIGNED(np.linspace(0, 1, 33))],
     )

@@ -1,7 +1,8 @@
-"""Pixels for a screen, signed colours with their scale, panels and pages are drawn alike in all figures."""
+"""What figures and pages share: pixels for a screen, signed colours with their scale, letters of panels, templates."""
 
 import base64
 import importlib.resources
+import io
 from collections.abc import Callable, Iterable, Mapping
 from string import ascii_lowercase
 from typing import Any
@@ -11,7 +12,9 @@ import matplotlib
 import numpy as np
 from jax.typing import ArrayLike
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
+from PIL import Image
 
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.transfer import ENCODERS
@@ -49,6 +52,21 @@ def remove_ticks(axes: Iterable[Axes]) -> None:
         ax.set_yticks([])
 
 
+def panel_bands(count: int, columns: int, rows_each: int, width: float, height: float) -> tuple[Figure, np.ndarray]:
+    """A figure of so many places in rows of `columns`, each with `rows_each` panels below each other, without ticks.
+
+    A place has `width` and `height` in inches. Returned are the figure and its panels, "count rows_each".
+    """
+    bands = -(-count // columns)
+    figure = Figure(figsize=(width * columns, height * bands), dpi=150, layout="constrained")
+    axes = figure.subplots(bands * rows_each, columns, squeeze=False)
+    remove_ticks(axes.ravel())
+    places = axes.reshape(bands, rows_each, columns).swapaxes(1, 2).reshape(bands * columns, rows_each)
+    for ax in places[count:].ravel():
+        ax.set_visible(False)
+    return figure, places[:count]
+
+
 def page_template(package: str, name: str, filters: Mapping[str, Callable[..., Any]] | None = None) -> jinja2.Template:
     """The template in a file of a package such as `raytrace_jax.batch`; text is escaped, undefined names are errors."""
     environment = jinja2.Environment(
@@ -56,6 +74,13 @@ def page_template(package: str, name: str, filters: Mapping[str, Callable[..., A
     )
     environment.filters |= filters or {}
     return environment.from_string(importlib.resources.files(package).joinpath(name).read_text(encoding="utf-8"))
+
+
+def png_bytes(image: Image.Image) -> bytes:
+    """A picture as a PNG file, quickly compressed."""
+    file = io.BytesIO()
+    image.save(file, "PNG", compress_level=1)
+    return file.getvalue()
 
 
 def data_address(body: bytes, media: str = "image/png") -> str:

@@ -1,8 +1,6 @@
-"""A drawing shows a pixel's tree of rays from the side, with the shapes cut by the plane nearest to the rays."""
+"""Drawings of a pixel's tree of rays from the side, with the shapes cut by the plane nearest to the rays."""
 
 import itertools
-from collections.abc import Callable
-from typing import Any
 
 import jax
 import numpy as np
@@ -12,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
-from raytrace_jax.images.transfer import ENCODERS
+from raytrace_jax.images import Transfer
 from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.panels import drawable
+from raytrace_jax.report.panels import as_pixels, drawable
 from raytrace_jax.scene.parameters import blocks_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes, shape_materials
@@ -24,9 +22,6 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_sett
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.numerics import TINY
 
-UPRIGHT = 1e-3
-"""A view in which y runs upwards is preferred by this fraction of the rays' spread."""
-
 COLOURS = {"camera": "#24292f", "reflected": "#d1570c", "transmitted": "#0a62c9"}
 
 
@@ -35,9 +30,10 @@ def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPla
     center = points.mean(axis=0)
     spread = (points - center).T @ (points - center)
     vertical = np.array([0.0, 1.0, 0.0])
-    # Of the planes through a single line the upright one is taken, of the upright ones y-z.
-    preference = np.outer(vertical, vertical) + np.diag([0, 0, UPRIGHT])
-    _, axes = np.linalg.eigh(spread / max(np.trace(spread), TINY) + UPRIGHT * preference)
+    # Of the planes through a single line the upright one is taken, of the upright ones y-z: a view in which y runs
+    # upwards is preferred by a thousandth of the rays' spread.
+    preference = np.outer(vertical, vertical) + np.diag([0, 0, 1e-3])
+    _, axes = np.linalg.eigh(spread / max(np.trace(spread), TINY) + 1e-3 * preference)
     normal = axes[:, 0]
     up = vertical - (vertical @ normal) * normal
     if np.linalg.norm(up) < 0.3:  # A view from above: what is far away is up.
@@ -89,15 +85,13 @@ def draw_tree(
 
     A shape is drawn where the plane of the drawing cuts it, a ball also by its outline (dotted). The number at the end
     of a ray is its number in the tree, on the colour that it brings back, as the picture's PNG has it.
-    The legend lies beside the drawing: save the figure with `bbox_inches="tight"`.
 
     `settings` are those with which the rays were traced; None is what the scene's file says. Rays that count less than
     `least` in the pixel are left out.
     """
-    # The plane of the drawing is the one nearest to the rays that are drawn.
+    # The plane of the drawing is the one nearest to the hits that are drawn, or to the way of a ray that hits nothing.
     settings = resolve_settings(scene, settings)
     tree = tree._replace(nodes=tuple(node for node in tree.nodes if node.weight >= least))
-    # A drawing has to show all hits, or the way of a ray that hits nothing.
     root = tree.nodes[0]
     ends = [node.p for node in tree.nodes if node.shape is not None] or [root.o + root.d]
     points = np.array([root.o, *ends], np.float64)
@@ -107,19 +101,17 @@ def draw_tree(
     size = float(np.max(high - low))
     shown = sections(scene, view, float(np.linalg.norm(high - low) + np.linalg.norm(low + high) / 2), settings)
 
-    # The drawing's longer side is 8 inches; the legend goes beside it, the title above it.
-    width, height = 8.0 * (high - low) / size + (2.9, 1.2)
-    figure = Figure(figsize=(width, height), dpi=150)
+    # The drawing's longer side is about 8 inches; the legend goes beside it, the title above it.
+    figure = Figure(figsize=tuple(8.0 * (high - low) / size + (2.3, 0.9)), dpi=150, layout="compressed")
     ax = figure.subplots()
-    busy = [view.project(p) for p in points]
-    _draw_shapes(ax, scene, shown, (low, high), {node.shape for node in tree.nodes}, busy)
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    _draw_shapes(ax, scene, shown, {node.shape for node in tree.nodes}, [view.project(p) for p in points])
     for node in tree.nodes:
         # A ray that hits nothing is a stub.
         _draw_ray(ax, node, view, 0.12 * size)
-    _draw_numbers(ax, tree, view, 0.02 * size, ENCODERS[screen_transfer(settings)])
+    _draw_numbers(ax, tree, view, 0.02 * size, screen_transfer(settings))
 
     # The drawing is a projection: its axes are directions of the world, and what lies off its plane is said.
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     across, upwards = (f"along {_vector(axis)} [world units]" for axis in (view.right, view.up))
     ax.set(xlabel=across, ylabel=upwards)
     off = float(np.abs((points - view.center) @ view.normal).max())
@@ -129,15 +121,17 @@ def draw_tree(
     return figure
 
 
+def _corners(ax: Axes) -> tuple[np.ndarray, np.ndarray]:
+    """Lower left and upper right of what a panel shows."""
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    return np.array([left, bottom]), np.array([right, top])
+
+
 def _draw_shapes(
-    ax: Axes,
-    scene: Scene,
-    shown: dict[str, Section],
-    corners: tuple[np.ndarray, np.ndarray],
-    hit: set[str | None],
-    busy: list[np.ndarray],
+    ax: Axes, scene: Scene, shown: dict[str, Section], hit: set[str | None], busy: list[np.ndarray]
 ) -> None:
     """Draw and name all shapes; lines are named where they are farthest from what is `busy`, the hits and names."""
+    low, high = _corners(ax)
     # The weights of all models: a scene for one of them leaves the others' at 0.
     materials = blocks_of(scene, "material")
     through = [max(float(block.read(scene, weight)) for weight in ("alpha", "transmission")) for block in materials]
@@ -145,7 +139,7 @@ def _draw_shapes(
         if len(outline):
             ax.add_patch(Polygon(outline, fill=False, edgecolor="0.65", linestyle=":", linewidth=0.8))
         named = cut if len(cut) or not is_area else outline
-        inside = named[np.all((named >= corners[0]) & (named <= corners[1]), axis=1)]
+        inside = named[np.all((named >= low) & (named <= high), axis=1)]
         if is_area:
             # The name of a body stands above what the drawing cuts of it, or above its outline if it is hit.
             if len(cut):
@@ -153,22 +147,22 @@ def _draw_shapes(
                 ax.add_patch(Polygon(cut, facecolor=face, edgecolor="0.4", linewidth=1.0, alpha=0.75))
             if len(inside) and (len(cut) or name in hit):
                 left, right = inside[:, 0].min(), inside[:, 0].max()
-                _name(ax, name, np.array([(left + right) / 2, inside[:, 1].max()]), corners)
+                _name(ax, name, np.array([(left + right) / 2, inside[:, 1].max()]))
         elif len(inside):
             ax.plot(inside[:, 0], inside[:, 1], color="0.4", linewidth=1.6, solid_capstyle="butt", zorder=1.5)
             places = inside[(np.linspace(0.1, 0.85, 16) * len(inside)).astype(int)]
             place = max(places, key=lambda place: min(np.linalg.norm(place - other) for other in busy))
             busy.append(place)
-            _name(ax, name, place, corners, rises=bool(np.prod(inside[-1] - inside[0]) > 0))
+            _name(ax, name, place, rises=bool(np.prod(inside[-1] - inside[0]) > 0))
 
 
-def _name(ax: Axes, name: str, place: np.ndarray, corners: tuple[np.ndarray, np.ndarray], rises: bool = False) -> None:
+def _name(ax: Axes, name: str, place: np.ndarray, rises: bool = False) -> None:
     """Write a name beside its place, within the drawing, to the left of a line that rises."""
-    shown = drawable(name, 26)
+    shown, (low, high) = drawable(name, 26), _corners(ax)
     # A letter is a hundred-and-twentieth of the drawing's longer side, which is 8 inches.
-    size = np.array([len(shown) / 120, 0.025]) * np.max(corners[1] - corners[0])
-    right, up = place + size > corners[1]
-    right |= rises and place[0] - size[0] > corners[0][0]
+    size = np.array([len(shown) / 120, 0.025]) * np.max(high - low)
+    right, up = place + size > high
+    right |= rises and place[0] - size[0] > low[0]
     looks = {"color": "0.35", "fontsize": 8, "style": "italic", "annotation_clip": True, "clip_on": True}
     where = {"ha": "right" if right else "left", "va": "top" if up else "bottom", "textcoords": "offset points"}
     beside = (-3 if right else 3, -3 if up else 3)
@@ -188,10 +182,8 @@ def _draw_ray(ax: Axes, node: RayNode, view: CuttingPlane, stub: float) -> None:
     ax.annotate("", tuple(tip), xytext=tuple(tip - (end - start) * 1e-2), arrowprops=arrow, zorder=3.5)
 
 
-def _draw_numbers(
-    ax: Axes, tree: RayTree, view: CuttingPlane, size: float, encode: Callable[[Any], np.ndarray]
-) -> None:
-    """Number each hit beside its point, where no other number is; `encode` makes colours of the screen."""
+def _draw_numbers(ax: Axes, tree: RayTree, view: CuttingPlane, size: float, transfer: Transfer) -> None:
+    """Number each hit beside its point, where no other number is, on the colour that a screen shows of its ray."""
     taken: list[np.ndarray] = []
     for node in tree.nodes:
         if node.shape is None:
@@ -204,7 +196,7 @@ def _draw_numbers(
         )
         spot = next((s for s in spots if all(np.linalg.norm(s - t) > 1.7 * size for t in taken)), place)
         taken.append(spot)
-        color = np.asarray(encode(np.asarray(node.color)[:, None, None])).reshape(3) / 255
+        color = as_pixels(np.asarray(node.color)[:, None, None], transfer)[0, 0] / 255
         looks = {"fontsize": 7, "color": "white" if color @ [0.3, 0.6, 0.1] < 0.5 else "black"}
         circle = {"boxstyle": "circle,pad=0.25", "facecolor": tuple(color), "edgecolor": "0.3", "linewidth": 0.6}
         line = {"arrowstyle": "-", "color": "0.5", "linewidth": 0.5, "shrinkA": 0}
@@ -219,7 +211,7 @@ def _draw_legend(ax: Axes, tree: RayTree) -> None:
         lines.append(Line2D([], [], color="0.4", linewidth=1.2, linestyle=(0, (2, 1.5)), label="hits nothing"))
     title = "rays, as thick as they count;\nnumbers lie on the colour\nthat the ray brings back"
     looks = {"fontsize": 8, "title_fontsize": 8, "frameon": False, "alignment": "left"}
-    ax.legend(handles=lines, title=title, loc="upper left", bbox_to_anchor=(1.01, 1), **looks)
+    ax.figure.legend(handles=lines, title=title, loc="outside right upper", **looks)
 
 
 def _vector(v: np.ndarray) -> str:

@@ -32,7 +32,7 @@ def module_name(path):
 MODULES = {module_name(path): path for path in sorted((ROOT / PACKAGE).rglob("*.py"))}
 
 
-OFFERED = {f"{PACKAGE}.scene.scene": "Scene", f"{PACKAGE}.inverse.result": "FitResult"}
+OFFERED = {f"{PACKAGE}.scene.scene": "Scene"}
 """The classes on which users look for what modules above do, by their modules."""
 
 

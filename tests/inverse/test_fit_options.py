@@ -44,7 +44,7 @@ def test_a_tied_parameter_follows_and_the_noise_is_found(clean, truth):
     assert np.all(np.abs(result.value - ANSWER) < 4 * result.standard_error)
     assert result.uncertainty.sigma == pytest.approx(SIGMA, rel=0.1) and not result.uncertainty.sigma_given
     assert np.isnan(result.uncertainty.reduced_chi_square)
-    assert result.ties == tuple((f"red.diffuse.{c}", f"yellow.diffuse.{c}") for c in "rgb")
+    assert result.given.ties == tuple((f"red.diffuse.{c}", f"yellow.diffuse.{c}") for c in "rgb")
 
 
 def test_a_prior_pulls_by_its_precision(clean, truth):
@@ -55,7 +55,7 @@ def test_a_prior_pulls_by_its_precision(clean, truth):
     result = solve(noisy(clean), truth, sigma=SIGMA, priors={"yellow.diffuse.r": (mean, error)})
     assert result.value[1] - free.value[1] == pytest.approx(error, rel=0.15)
     assert result.standard_error[1] == pytest.approx(error / np.sqrt(2), rel=0.15)
-    assert result.priors == (("yellow.diffuse.r", mean, error),)
+    assert result.given.priors == (("yellow.diffuse.r", mean, error),)
 
 
 STRIP = """

@@ -6,10 +6,8 @@ from command_line import run
 from matplotlib.figure import Figure
 from PIL import Image
 
-from raytrace_jax import format_scene, load_scene
-from raytrace_jax.report.lessons import LESSONS, index_page
 from raytrace_jax.report.lessons.formulas import SQUARE_ROOTS, cosine_and_slopes
-from raytrace_jax.report.lessons.pictures import draw_cost, draw_edges, scene_text, small_scene
+from raytrace_jax.report.lessons.pictures import LESSONS, draw_cost, draw_edges, index_page
 
 FORMULAS = [name for name in LESSONS if name not in ("edges", "cost")]
 
@@ -74,12 +72,6 @@ def test_the_cost_is_least_at_the_truth_and_its_kink_is_gone_when_blurred():
     assert growth[0] < growth[1] and growth[1] > 3
     # The second minimum of which the text speaks.
     assert blurred[1][0] < 0.5 * blurred[1][: near + 1].max()
-
-
-def test_the_small_scene_is_a_scene_file(tmp_path):
-    path = tmp_path / "small.txt"
-    path.write_text(scene_text())
-    assert format_scene(load_scene(path)) == format_scene(small_scene())
 
 
 def test_the_command_writes_figures_and_their_page(tmp_path, capsys):

@@ -22,7 +22,7 @@ from scenes import assignment_scene
 from raytrace_jax import ParameterError, picture_derivatives, render, set_parameters
 from raytrace_jax.images.transfer import encode_course
 from raytrace_jax.report.derivatives import scale_limit
-from raytrace_jax.report.live import Slider, Studio, answer, make_server, render_page, scale_colours, scale_of
+from raytrace_jax.report.live import Slider, Studio, answer, make_server, render_page, scale_of
 from raytrace_jax.report.panels import signed_pixels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
@@ -111,8 +111,6 @@ def test_the_scale_is_that_of_the_sheets_of_derivatives():
     assert len(scale.ticks) >= 3 and 0 in scale.ticks and np.abs(scale.ticks).max() <= scale.limit
     np.testing.assert_allclose(scale.ticks, -np.array(scale.ticks[::-1]), atol=1e-12)
     assert scale_of(np.zeros((3, 4)), "world unit")[::3] == (1.0, 0.0)
-    colours = scale_colours()
-    assert colours[0] == "#053061" and colours[len(colours) // 2] == "#f7f6f6" and colours[-1] == "#67001f"
 
 
 @pytest.mark.slow

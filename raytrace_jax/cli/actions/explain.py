@@ -13,7 +13,7 @@ from raytrace_jax.cli.options import split_assignment
 from raytrace_jax.cli.options.scenes import Rays, Teach, View
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.lessons import LESSONS, index_page
+from raytrace_jax.report.lessons.pictures import LESSONS, index_page
 from raytrace_jax.report.live import HOST, Slider, Studio, make_server
 from raytrace_jax.report.rays import draw_tree
 from raytrace_jax.scene.parameters import blocks_of, get_parameter, material_of, scalar_names

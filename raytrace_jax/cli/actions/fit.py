@@ -22,8 +22,8 @@ from raytrace_jax.inverse.build_problem import as_file_says, asked_for, build_pr
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.observe.sampling import supersampled
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.result import FitStep
-from raytrace_jax.inverse.result_file import estimate_rows, last_word
+from raytrace_jax.inverse.result import FitStep, last_word
+from raytrace_jax.inverse.result_rows import estimate_table
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.fit_report.summary import AFTER
 from raytrace_jax.scene.bundled import scene_path
@@ -206,7 +206,7 @@ def run_fit(command: Fit) -> int:
         # Numbers go out before the report, which takes longer and more room on the disk.
         if not command.json:
             if result.history.steps:
-                print_table("estimates", *estimate_rows(result, command.long))
+                print_table("estimates", *estimate_table(result.rows, command.long))
             print(last_word(result))
         comments = scene_path(command.scene).read_text(encoding="utf-8-sig")
         numbers = write_numbers(result, command.output, comments)

@@ -21,7 +21,8 @@ from raytrace_jax.images.exif import angle_of_view, camera_of, orientation_of
 from raytrace_jax.images.pictures import is_photograph, read_picture, transfer_of_camera
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.judge.assumptions import Contradiction, looks_like
-from raytrace_jax.inverse.result_file import estimate_rows, last_word
+from raytrace_jax.inverse.result import last_word
+from raytrace_jax.inverse.result_rows import estimate_table
 from raytrace_jax.photo.boards import CharucoBoard, read_board
 from raytrace_jax.photo.find_camera import calibrate
 from raytrace_jax.photo.flattened import Flattened, flatten
@@ -183,7 +184,7 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
     if command.json:
         sys.stdout.write(text)
     else:
-        print_table("estimates", *estimate_rows(result, command.long))
+        print_table("estimates", *estimate_table(result.rows, command.long))
         if came_to_rest:  # The board is its ruler, and its camera is the corners'.
             seen = looks_like(result.check.causes)
             print(

@@ -1,4 +1,4 @@
-"""Panels draw the curves of a fit's report: the cost, each parameter's way, 95 % ellipses and profile likelihoods."""
+"""The curves of a fit's report: the cost, each parameter's way, 95 % ellipses and profile likelihoods."""
 
 import itertools
 import math
@@ -18,11 +18,6 @@ LINE, START, ESTIMATE, OTHERS = "#1f4e79", "#8a8a8a", "#f2b134", "#d9c7b8"
 def winning_steps(result: FitResult) -> list[FitStep]:
     """The steps that led to the estimate: those taken, of the winning candidate."""
     return [step for step in result.history.steps if step.accepted and step.candidate == result.history.candidate]
-
-
-def legend_rows(result: FitResult) -> int:
-    """The rows of the legend of the cost: two entries in each, of which one may be for other starts."""
-    return math.ceil((1 + len({step.level for step in winning_steps(result)})) / 2)
 
 
 class _Powers(LogFormatter):
@@ -58,8 +53,8 @@ def draw_cost(ax: Axes, result: FitResult) -> None:
         where = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.02), "borderaxespad": 0, "borderpad": 0}
         looks = {"fontsize": 7, "frameon": False, "handlelength": 1.2, "labelspacing": 0.2, "columnspacing": 1.0}
         ax.legend(ncols=2, **where, **looks)
-    # In points: a row of the legend is 10 high.
-    _finish_steps(ax, steps, pad=5 + 10 * legend_rows(result))
+    # In points: the legend's rows of two entries are 10 high each.
+    _finish_steps(ax, steps, pad=5 + 10 * math.ceil((len(levels) + bool(others)) / 2))
 
 
 def draw_trace(ax: Axes, result: FitResult, column: int) -> None:

@@ -1,9 +1,8 @@
-"""A fit's report on one sheet shows its pictures, what is left of them, how the search went and how sure it is."""
+"""A fit's report on one sheet: its pictures, what is left of them, how the search went and how sure it is."""
 
-import io
 import math
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -16,13 +15,14 @@ from PIL import Image
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report import curves
-from raytrace_jax.report.fit_report.summary import correlation_text, estimate_lines, in_steps_of_8_bits
+from raytrace_jax.report.fit_report.summary import correlation_text, in_steps_of_8_bits, typeset
 from raytrace_jax.report.panels import (
     as_pixels,
     data_address,
     draw_signed_values,
     drawable,
     letter_panels,
+    png_bytes,
     remove_ticks,
 )
 
@@ -64,15 +64,13 @@ def embed(image: Image.Image, colours: int | None = None) -> Embedded:
     # Pictures above 1600 pixels are reduced: a page has no room for more, and a mail no patience.
     image = image.reduce(-(-max(image.size) // 1600))
     image = image.quantize(colours) if colours else image
-    file = io.BytesIO()
-    image.save(file, "PNG", compress_level=1)
     # Pictures below 200 pixels are shown with visible pixels rather than smoothed.
-    return Embedded(data_address(file.getvalue()), *image.size, coarse=image.width < 200)
+    return Embedded(data_address(png_bytes(image)), *image.size, coarse=image.width < 200)
 
 
-WIDTH, LINE_HEIGHT = 12.0, 0.18  # inches
-KEY = "start dotted, estimate in orange with a band of ± its standard error; Δ is the deviation from the estimate"
-NOTE = "n/255: n in linear light, of which white is 255; 1.337(2) means 1.337 ± 0.002; levels go from blurred to sharp"
+KEY = """\
+start dotted, estimate in orange with a band of ± its standard error; Δ is the deviation from the estimate
+n/255: n in linear light, of which white is 255; 1.337(2) means 1.337 ± 0.002; levels go from blurred to sharp"""
 COLOURS = {
     "converged": "#1a7f37",
     "ambiguous": "#9a6700",
@@ -95,62 +93,42 @@ class Sheet(NamedTuple):
 def draw_report(result: FitResult, long: bool = False) -> Sheet:
     """Draw target, start, fit and residual, the cost, the way of every parameter, ellipses and profiles.
 
-    Pictures are shown as the course stores them, linear without gamma. `long` writes estimates as `with_error` does
-    then.
+    `long` writes estimates as `with_error` does then.
     """
+    # Wide pictures stand in two rows, panels of curves at most five in one; all heights are inches.
     _, height, width = result.pictures.target.shape
-    # Wide pictures stand in two rows.
     picture_columns = 2 if width / height > 2.2 else 4
-    cell_width = (WIDTH - 0.6) / picture_columns  # Beside the last stands its scale.
-    picture_height = min(6.0, 0.9 * cell_width * height / width) + 0.4
-
+    picture_height = min(6.0, 10.8 / picture_columns * height / width) + 0.35
     drawn = _curves(result, long)
     rows = math.ceil(len(drawn) / 5)
-    columns = math.ceil(len(drawn) / rows)
-    # Two lines of a title, or one and the legend of the cost, stand above a panel of curves.
-    above = max(0.52, (18 + 10 * curves.legend_rows(result)) / 72)
-    row_height = above + 1.65
     message = [drawable(line, 150) for line in textwrap.wrap(result.message, 150)]
-    title_height = 0.98 + LINE_HEIGHT * len(message)
-    pictures_height = 4 // picture_columns * picture_height
-    total = title_height + pictures_height + row_height * rows
+    heights = 0.45 + 0.15 * len(message) + 4 // picture_columns * picture_height, 0.4 + 2.2 * rows
 
-    # A layout in inches from the top left is known beforehand; one that measures all labels takes longer than drawing.
-    figure = Figure(figsize=(WIDTH, total), dpi=300)
+    figure = Figure(figsize=(12.0, 0.25 + sum(heights)), dpi=300, layout="constrained")
     canvas = FigureCanvasAgg(figure)
-
-    def axes(left: float, top: float, width: float, height: float) -> Axes:
-        return figure.add_axes((left / WIDTH, 1 - (top + height) / total, width / WIDTH, height / total))
-
-    _draw_title(figure, result, message, total)
-    pictures = []
-    for k in range(4):
-        row, column = divmod(k, picture_columns)
-        place = (column * cell_width + 0.05, title_height + row * picture_height + 0.3)
-        pictures.append(axes(*place, cell_width - 0.1, picture_height - 0.4))
-    _draw_pictures(pictures, result)
-    size = (WIDTH / columns - 0.7, row_height - above - 0.42)
-    corners = [
-        (k % columns * WIDTH / columns, title_height + pictures_height + k // columns * row_height)
-        for k in range(len(drawn))
-    ]
-    panels = [axes(left + 0.6, top + above, *size) for left, top in corners]
-    for ax, (_, _, _, title, draw) in zip(panels, drawn, strict=True):
+    colour = COLOURS[result.status]
+    figure.suptitle(result.status.replace("_", " "), fontsize=12, fontweight="bold", color=colour)
+    pictures, panels = figure.subfigures(2, squeeze=False, height_ratios=heights).ravel()
+    rms, typical = map(in_steps_of_8_bits, (result.pictures.rms_residual, result.pictures.typical_residual))
+    facts = f"rms residual {rms}, typical {typical}, {len(result.history.steps)} steps"
+    pictures.suptitle("\n".join([*message, facts]), fontsize=9, parse_math=False)
+    _draw_pictures(pictures.subplots(4 // picture_columns, picture_columns).ravel(), result)
+    panels.suptitle(KEY, fontsize=8, color="0.35")
+    axes = panels.subplots(rows, math.ceil(len(drawn) / rows), squeeze=False).ravel()
+    for ax, (_, _, _, title, draw) in zip(axes, drawn, strict=False):
         draw(ax)
         ax.title.set(text=title, parse_math=False)
-        ax.xaxis.set_label_coords(0.5, -0.25 / size[1])
-        # A long name ends at the panel's upper end: what is cut out begins there.
-        ax.yaxis.set_label_coords(-0.44 / size[0], 1.0)
-        ax.yaxis.label.set(horizontalalignment="right", fontsize=7)
+    for ax in axes[len(drawn) :]:
+        ax.set_visible(False)
     letter_panels(figure.axes)
 
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     cut = {"traces": [], "ellipses": [], "profiles": []}
-    for ax, (left, top), (group, name, remark, *_) in zip(panels, corners, drawn, strict=True):
+    for ax, (group, name, remark, *_) in zip(axes, drawn, strict=False):
         # A page says the title in its own words.
-        upper = round(image.height - ax.title.get_window_extent().y0)
-        box = (round(300 * left), upper, round(300 * (left + WIDTH / columns)), round(300 * (top + row_height)))
+        title, box = ax.title.get_window_extent(), ax.get_tightbbox()
+        box = (round(box.x0), round(image.height - title.y0), round(box.x1), round(image.height - box.y0))
         cut[group].append((name, remark, image.crop(box)))
     return Sheet(figure, image, cut)
 
@@ -159,9 +137,10 @@ def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, str, Cal
     """The panels of curves: group, name and remark of each, its title on the sheet, and what draws it."""
     cost = "cost of each level"
     drawn = [("traces", cost, "", cost, partial(curves.draw_cost, result=result))]
-    for k, (name, line) in enumerate(zip(result.labels, estimate_lines(result, long), strict=True)):
+    for k, row in enumerate(result.rows):
+        name, line = row.label, typeset(row.text(long))
         draw = partial(curves.draw_trace, result=result, column=k)
-        drawn.append(("traces", name, line, f"{drawable(name, 24)}\n{line}", draw))
+        drawn.append(("traces", name, line, f"{drawable(name, 22)}\n{line}", draw))
     for pair in curves.shown_pairs(result):
         remark = f"correlation {correlation_text(float(result.total_correlation[pair]))}"
         draw = partial(curves.draw_ellipse, result=result, pair=pair)
@@ -174,28 +153,16 @@ def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, str, Cal
     return drawn
 
 
-def _draw_title(figure: Figure, result: FitResult, message: list[str], height: float) -> None:
-    rms = in_steps_of_8_bits(result.pictures.rms_residual)
-    typical = in_steps_of_8_bits(result.pictures.typical_residual)
-    facts = f"rms residual {rms}, typical {typical}, {len(result.history.steps)} steps"
-    lines = [(line, 9, "black") for line in (*message, facts)] + [(KEY, 8, "0.35"), (NOTE, 8, "0.35")]
-    looks = {"ha": "center", "va": "center", "parse_math": False}
-    status, colour = result.status.replace("_", " "), COLOURS[result.status]
-    figure.text(0.5, 1 - 0.17 / height, status, fontsize=12, fontweight="bold", color=colour, **looks)
-    for i, (line, size, colour) in enumerate(lines):
-        figure.text(0.5, 1 - (0.42 + LINE_HEIGHT * i) / height, line, fontsize=size, color=colour, **looks)
-
-
-def _draw_pictures(axes: list[Axes], result: FitResult) -> None:
+def _draw_pictures(axes: Sequence[Axes], result: FitResult) -> None:
     shown = (("target", result.pictures.target), ("start", result.pictures.start), ("fit", result.pictures.estimate))
     for ax, (name, image) in zip(axes, shown, strict=False):
         if image is not None:
             ax.imshow(as_pixels(image, screen_transfer(result.settings)), interpolation="nearest")
-        ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9, y=1.0)
+        ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9)
     if result.pictures.estimate is None:
         axes[3].set_visible(False)
     else:
         residual = residual_of(result, result.pictures.estimate)
         draw_signed_values(axes[3], residual.picture, residual.limit, residual.extends, "1/255")
-        axes[3].set_title("fit − target, worst channel", fontsize=9, y=1.0)
+        axes[3].set_title("fit − target, worst channel", fontsize=9)
     remove_ticks(axes)

@@ -1,4 +1,4 @@
-"""The report of a fit is a folder with the estimates, pictures, the fitted scene, a figure and a page to read."""
+"""The report of a fit: a folder with the estimates, pictures, the fitted scene, a figure and a page to read."""
 
 import contextlib
 import os
@@ -8,7 +8,7 @@ import matplotlib
 
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.inverse.result_file import FILE, SCENE_FILE, save_result
+from raytrace_jax.inverse.result_file import FILE, SCENE_FILE, save_record
 from raytrace_jax.report.films import how_made
 from raytrace_jax.report.fit_report.figure import draw_report
 from raytrace_jax.report.fit_report.methods import methods_text
@@ -69,7 +69,7 @@ def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool
     for name, image in (("fit.exr", result.pictures.estimate), ("residual.exr", residual)):
         if image is not None:
             write_exr(folder / name, dict(zip("RGB", image, strict=True)), metadata=metadata)
-    save_result(result, folder)
+    save_record(result, folder)
     for name, text in TEXTS.items():
         write_text(folder / name, text(result, long))
     with atomic_write(folder / "report.png") as temporary:

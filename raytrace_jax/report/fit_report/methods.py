@@ -1,4 +1,4 @@
-"""A paragraph for the methods section of a paper says what a fit did, with its references."""
+"""A paragraph for the methods section of a paper on what a fit did, with its references."""
 
 import itertools
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 from raytrace_jax._version import __version__
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.curves import winning_steps
-from raytrace_jax.report.fit_report.summary import estimate_lines, in_steps_of_8_bits, level_labels, number_text
+from raytrace_jax.report.fit_report.summary import in_steps_of_8_bits, level_labels, number_text, typeset
 from raytrace_jax.util.text import listed
 
 PROGRAM = (
@@ -69,12 +69,12 @@ def methods_text(result: FitResult, long: bool = False) -> str:
 
     # The search, and its outcome.
     counted, starts = int(np.count_nonzero(result.pictures.weights)), len({step.candidate for step in history.steps})
-    priors = [f"{name} ({number_text(mean, 6)} ± {number_text(sd, 2)})" for name, mean, sd in result.priors]
+    priors = [f"{name} ({number_text(mean, 6)} ± {number_text(sd, 2)})" for name, mean, sd in result.given.priors]
     known = f", with normal priors on {listed(priors)}," if priors else ""
     levels = list(level_labels(winning_steps(result)).values())
     way = f", from coarse to fine ({'; '.join(levels)})" if len(levels) > 1 else ""
     # A fit that was stopped before it chose a loss minimised one of them.
-    loss = {"l2": "the sum of squared", "cauchy": "Cauchy's loss of the"}.get(result.loss, "a loss of the")
+    loss = {"l2": "the sum of squared", "cauchy": "Cauchy's loss of the"}.get(result.given.loss, "a loss of the")
     sentences += [
         f"The fit minimised {loss} differences between picture and target over {counted:,} pixels{known} by the "
         f"Levenberg–Marquardt method {cited(OPTIMISTIX)}{way}, from {starts} {'start' if starts == 1 else 'starts'}.",
@@ -84,7 +84,7 @@ def methods_text(result: FitResult, long: bool = False) -> str:
         count = len(history.runner_ups)
         others = f"{count} other {'minimum' if count == 1 else 'minima'}"
         sentences.append(f"Vuong's test {cited(VUONG)} compared the estimate with {others}.")
-    found = [f"{name} = {line}" for name, line in zip(result.labels, estimate_lines(result, long), strict=True)]
+    found = [f"{row.label} = {typeset(row.text(long))}" for row in result.rows]
     form = "values ± one standard deviation" if long else "one standard deviation in the last digits in parentheses"
     sentences.append(f"The estimates, {form}, are {'; '.join(found)}.")
     sentences.append(f"The fit ended as “{result.status.replace('_', ' ')}”.")

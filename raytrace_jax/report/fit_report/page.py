@@ -1,7 +1,6 @@
-"""The page of a fit's report is one HTML file that needs no other file, no network and no script."""
+"""The page of a fit's report: one HTML file that needs no other file, no network and no script."""
 
 import re
-from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -22,42 +21,27 @@ PROVENANCE = ("target", "target_size", "target_bytes", "target_sha256", "command
 POSITIVE, NEGATIVE = "178, 24, 43", "33, 102, 172"
 
 
-class PaddedNumber(NamedTuple):
-    """A number of a column, moved to the left by `pad` digits for the column's decimal points to meet."""
-
-    text: str
-    pad: float = 0.0
-
-
-ROW = ("name", "start", "value", "error", "of_noise", "systematic", "bound", "prior", "depends_on")
-
-
-def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str | PaddedNumber]]:
-    """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior and main dependence, by `ROW`."""
-    priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
+def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str]]:
+    """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior and main dependence."""
+    priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.given.priors}
     dependences = {}
     for name, found in result.depends_on.items():
         change, shift = (number_text(value, 2).lstrip("+") for value in (found.change, abs(found.shift)))
         dependences[name] = f"{found.on}: +{change} moves it by {'+' if found.shift > 0 else '−'}{shift}"
-    errors = (result.total_error, result.standard_error, result.systematic_error, result.uncertainty.cramer_rao)
-    columns = zip(
-        result.labels,
-        _aligned([typeset(f"{start:.8g}") for start in result.initial]),
-        # That an error is not determined or unknown stands in its own column.
-        _aligned([line.partition(",")[0] for line in summary.estimate_lines(result, long)]),
-        *(_aligned([summary.error_text(float(error)) for error in column]) for column in errors),
-        *([table.get(name, "–") for name in result.names] for table in (priors, dependences)),
-        strict=True,
-    )
-    return [dict(zip(ROW, cells, strict=True)) for cells in columns]
-
-
-def _aligned(texts: list[str]) -> list[PaddedNumber]:
-    """Pad numbers, also with (error), such that their decimal points meet; a point is about half as wide as a digit."""
-    plain = [re.fullmatch(r"−?\d+((?:\.\d+)?(?:\(\d+\))?)", text) for text in texts]
-    widths = [len(match[1]) - 0.5 if match and match[1] else 0.0 for match in plain]
     return [
-        PaddedNumber(t, max(widths) - w if match else 0.0) for t, w, match in zip(texts, widths, plain, strict=True)
+        {
+            "name": row.label,
+            "start": typeset(f"{row.initial:.8g}"),
+            # That an error is not determined or unknown stands in its own column.
+            "value": typeset(row.text(long)).partition(",")[0],
+            "error": summary.error_text(row.total_error),
+            "of_noise": summary.error_text(row.standard_error),
+            "systematic": summary.error_text(row.systematic_error),
+            "bound": summary.error_text(row.cramer_rao),
+            "prior": priors.get(row.name, "–"),
+            "depends_on": dependences.get(row.name, "–"),
+        }
+        for row in result.rows
     ]
 
 
@@ -152,7 +136,7 @@ def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = F
         has_systematic=bool(np.any(result.systematic_error > 0)),
         assumptions=assumption_rows(result),
         comparison=minima_table(result),
-        settings=[("loss", result.loss), *settings],
+        settings=[("loss", result.given.loss), *settings],
         provenance=provenance_rows(result),
         versions=summary.versions(),
         methods=methods_text(result, long),

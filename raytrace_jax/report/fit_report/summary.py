@@ -1,4 +1,4 @@
-"""A fit's numbers are written as a reader meets them, as plain values, as CSV and as LaTeX."""
+"""A fit's numbers as a reader meets them: in print, as plain values, as CSV and as LaTeX."""
 
 import csv
 import dataclasses
@@ -61,12 +61,6 @@ def estimate_line(value: float, error: float, long: bool = False) -> str:
     return typeset(with_error(value, error, long))
 
 
-def estimate_lines(result: FitResult, long: bool = False) -> list[str]:
-    """Every estimate of a fit with its total error, as `estimate_line`."""
-    pairs = zip(result.value, result.total_error, strict=True)
-    return [estimate_line(float(value), float(error), long) for value, error in pairs]
-
-
 def correlation_text(correlation: float) -> str:
     """Write a correlation to two decimals, without a minus sign before zero."""
     return typeset(f"{round(correlation, 2) + 0.0:.2f}")
@@ -83,31 +77,20 @@ def level_labels(history: Sequence[FitStep]) -> dict[int, str]:
 AFTER = "seconds_after_the_last_step"
 """The command line adds to a result's provenance by this name the time in which the estimate was judged."""
 
-LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
+NUMBERS = ("value", "initial", "standard_error", "resolution", "systematic_error", "total_error", "cramer_rao", "unit")
+"""What `result.json` has of each parameter."""
 
 
 def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
     """Everything in a fit but its pictures, as plain values: what is infinite or not a number is None."""
-    # What is known of each parameter is kept by column, and read by parameter.
-    columns = {
-        "value": result.value,
-        "initial": result.initial,
-        "standard_error": result.standard_error,
-        "resolution": result.uncertainty.resolution,
-        "systematic_error": result.systematic_error,
-        "total_error": result.total_error,
-        "cramer_rao": result.uncertainty.cramer_rao,
-        "unit": result.units,
-    }
-
-    # Verdict and numbers first, then what they rest on, at last what would make them again.
-    sure, pictures = result.uncertainty, result.pictures
+    # Ending and numbers first, then what they rest on, at last what would make them again.
+    sure, pictures, given = result.uncertainty, result.pictures, result.given
     summary = {
         "status": result.status,
         "message": result.message,
         "advice": result.advice,
-        "parameters": {name: {c: numbers[k] for c, numbers in columns.items()} for k, name in enumerate(result.names)},
-        "at_bound": dict(result.at_bound),
+        "parameters": {row.name: {key: getattr(row, key) for key in NUMBERS} for row in result.rows},
+        "at_bound": dict(result.ending.at_bound),
         "rests_on": result.rests_on,
         "depends_on": {name: found._asdict() for name, found in result.depends_on.items()},
         "sensitivity": {
@@ -119,13 +102,13 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
         "correlation": {"names": result.names, "matrix": sure.correlation},
         **{n: getattr(sure, n) for n in ("sigma", "sigma_given", "reduced_chi_square", "condition_number", "weakest")},
         **{n: getattr(pictures, n) for n in ("rms_residual", "typical_residual", "left_out")},
-        "loss": result.loss,
-        "target_samples": result.target_samples,
+        "loss": given.loss,
+        "target_samples": given.target_samples,
         "candidate": result.history.candidate,
         "runner_ups": [dataclasses.asdict(minimum) for minimum in result.history.runner_ups],
         "profiles": [dataclasses.asdict(profile) for profile in result.profiles],
-        "priors": [{"name": name, "mean": mean, "standard_deviation": spread} for name, mean, spread in result.priors],
-        "ties": [{"follower": follower, "leader": leader} for follower, leader in result.ties],
+        "priors": [{"name": name, "mean": mean, "standard_deviation": spread} for name, mean, spread in given.priors],
+        "ties": [{"follower": follower, "leader": leader} for follower, leader in given.ties],
         "history": [dataclasses.asdict(step) for step in result.history.steps],
         "settings": used_settings(result.settings),
         "provenance": provenance_of(result),
@@ -162,11 +145,10 @@ def used_settings(settings: ResolvedSettings) -> dict[str, object]:
 
 def versions() -> dict[str, str]:
     """The versions of everything that can change a number of the result."""
-    libraries = {name: importlib.metadata.version(name) for name in LIBRARIES}
+    names = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
+    libraries = {name: importlib.metadata.version(name) for name in names}
     return {"raytrace_jax": __version__, **libraries, "python": platform.python_version()}
 
-
-HEADS = ("parameter", "estimate", "value", "standard_error", "systematic_error", "total_error", "unit")
 
 _SPECIAL = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
@@ -183,11 +165,9 @@ def csv_table(result: FitResult, long: bool = False) -> str:
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEADS)
-    columns = (result.value, result.standard_error, result.systematic_error, result.total_error)
-    for k, name in enumerate(result.names):
-        numbers = [float(column[k]) for column in columns]
-        writer.writerow([name, with_error(numbers[0], numbers[-1], long), *map(repr, numbers), result.units[k]])
+    numbers = ("value", "standard_error", "systematic_error", "total_error")
+    writer.writerow(["parameter", "estimate", *numbers, "unit"])
+    writer.writerows([r.name, r.text(long), *(repr(getattr(r, key)) for key in numbers), r.unit] for r in result.rows)
     return text.getvalue()
 
 
@@ -201,11 +181,10 @@ def tex_table(result: FitResult, long: bool = False) -> str:
         r"Parameter & Estimate & Standard error & Total error & Unit \\",
         r"\midrule",
     ]
-    for k, name in enumerate(result.labels):
-        errors = [float(result.standard_error[k]), float(result.total_error[k])]
-        shown = [with_error(float(result.value[k]), errors[1], long), *(value_and_error(0.0, e)[1] for e in errors)]
-        typewriter = rf"\texttt{{{_escaped(name)}}}"
-        lines.append(rf"{' & '.join([typewriter, *map(_number, shown), _escaped(result.units[k])])} \\")
+    for row in result.rows:
+        errors = (value_and_error(0.0, error)[1] for error in (row.standard_error, row.total_error))
+        cells = [rf"\texttt{{{_escaped(row.label)}}}", *map(_number, (row.text(long), *errors)), _escaped(row.unit)]
+        lines.append(rf"{' & '.join(cells)} \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
 

@@ -1,4 +1,4 @@
-"""Lessons on refraction draw formulas and their derivatives as curves."""
+"""Lessons on refraction: formulas and their derivatives as curves."""
 
 from collections.abc import Callable
 
@@ -184,31 +184,29 @@ by which a ray has turned when it leaves a drop of water, straight through or af
 Where this angle is least, many rays leave together: these are the two rainbows. Right: the derivative of the angle
 by the index, zero in the middle of the ball and largest at its rim."""
 
-GLASS, WATER = 1.5, 1.333
-HEIGHTS = np.linspace(-0.9, 0.9, 13)
-
 
 def draw_ball() -> Figure:
     """Three panels: rays through a glass ball, deviation by a drop, and its derivative by the index."""
     figure, (rays, turn, slope) = make_figure("A ray through a ball", 1, 3, (15, 5))
+    water = 1.333
     _draw_rays(rays)
     distance = np.linspace(0, 0.9999, 600)
     theta = np.arcsin(distance)
     for k, name in enumerate(("straight through", "one reflection inside", "two reflections inside")):
         color = COLOURS[k]
-        turn.plot(distance, np.degrees(sphere_deviation(theta, WATER, k)), color=color, label=name)
-        change = derivative(lambda n, k=k: sphere_deviation(theta, n, k), np.full_like(theta, WATER))
+        turn.plot(distance, np.degrees(sphere_deviation(theta, water, k)), color=color, label=name)
+        change = derivative(lambda n, k=k: sphere_deviation(theta, n, k), np.full_like(theta, water))
         slope.plot(distance, np.degrees(change), color=color, label=name)
-        closed = 2 * (k + 1) * np.tan(np.arcsin(distance / WATER)) / WATER
+        closed = 2 * (k + 1) * np.tan(np.arcsin(distance / water)) / water
         slope.plot(distance[::40], np.degrees(closed)[::40], ".", color=color)
         if k:
-            at = optics.rainbow_incidence(WATER, k)
-            degrees = float(np.degrees(sphere_deviation(at, WATER, k)))
+            at = optics.rainbow_incidence(water, k)
+            degrees = float(np.degrees(sphere_deviation(at, water, k)))
             turn.plot(np.sin(at), degrees, "o", color=color)
             place, words = (float(np.sin(at)), degrees), f"rainbow: least, {degrees:.1f}°"
             turn.annotate(words, place, xytext=(-6, -14), textcoords="offset points", ha="right", fontsize=9)
     turn.set_ylim(0, 370)
-    label(turn, f"deviation by a drop of water, n = {WATER:g}", "distance from the axis [radii]", "deviation [degrees]")
+    label(turn, f"deviation by a drop of water, n = {water:g}", "distance from the axis [radii]", "deviation [degrees]")
     label(slope, "its derivative by the index", "distance from the axis [radii]", "dD/dn [degrees per unit of index]")
     legend(turn, loc="upper right")
     legend(slope, loc="upper left")
@@ -218,21 +216,22 @@ def draw_ball() -> Figure:
 def _draw_rays(ax: Axes) -> None:
     """Parallel rays refracted twice, by `refract` itself; the ball has radius one."""
     ax.add_patch(Circle((0, 0), 1, facecolor="#dcecfb", edgecolor="0.4"))
-    n = jnp.asarray(np.stack([-np.sqrt(1 - HEIGHTS**2), HEIGHTS, 0 * HEIGHTS]))
+    heights = np.linspace(-0.9, 0.9, 13)
+    n = jnp.asarray(np.stack([-np.sqrt(1 - heights**2), heights, 0 * heights]))
     d = jnp.zeros_like(n).at[0].set(1)
-    within, _, _ = optics.refract(d, n, jnp.full_like(n[0], GLASS))
+    within, _, _ = optics.refract(d, n, jnp.full_like(n[0], INDEX))
     end = n - 2 * jnp.sum(n * within, axis=0) * within
-    beyond, _, _ = optics.refract(within, end, jnp.full_like(n[0], 1 / GLASS))
+    beyond, _, _ = optics.refract(within, end, jnp.full_like(n[0], 1 / INDEX))
     path = np.stack([jnp.stack([jnp.full_like(n[0], -1.9), n[1], n[2]]), n, end, end + 4 * beyond])[:, :2]
     lines = ax.plot(path[:, 0], path[:, 1], color=BLUE, linewidth=0.9)
     lines[0].set_label("rays")
-    effective, back = (float(length) for length in optics.lens_focal_length(1.0, GLASS))
+    effective, back = (float(length) for length in optics.lens_focal_length(1.0, INDEX))
     ax.plot(effective, 0, "o", color=RED, markersize=6, zorder=3)
     words = f"focus for rays near the axis:\n{effective:g} R from the centre,\n{back:g} R from the back"
     line = {"arrowstyle": "-", "color": GREY}
     ax.annotate(words, (effective, 0), xytext=(-1.75, -1.85), fontsize=9, arrowprops=line)
     ax.set(xlim=(-1.9, 2.8), ylim=(-2, 2), aspect="equal")
-    label(ax, f"parallel light through a glass ball, n = {GLASS:g}", "along the axis [radii]", "from the axis [radii]")
+    label(ax, f"parallel light through a glass ball, n = {INDEX:g}", "along the axis [radii]", "from the axis [radii]")
     legend(ax, loc="upper left")
 
 

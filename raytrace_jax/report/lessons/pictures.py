@@ -1,20 +1,21 @@
-"""Lessons on derivatives draw pictures of a small scene, and errors of its index."""
+"""Lessons on derivatives with pictures of a small scene and errors of its index, and the list of all lessons."""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.report.lessons.formulas import COLOURS, label, legend, make_figure
+from raytrace_jax.report.lessons import formulas
+from raytrace_jax.report.lessons.formulas import COLOURS, INDEX, label, legend, make_figure
 from raytrace_jax.report.panels import SIGNED, as_pixels, remove_ticks
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.reader import parse_scene
-from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, picture_derivatives, relative_error
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
-
-INDEX = 1.5
 
 BALLS = {
     "red": (-0.6, -0.8, (15, 1, 1)),
@@ -32,7 +33,7 @@ of the path (about 20 world units)."""
 
 
 def scene_text() -> str:
-    """The scene as the text of a `model.txt` file."""
+    """The text of a scene's file, whose ball of glass is called `glass`."""
     blocks = [
         "camera eye { pixeldim 160 120 worlddim 8 6 viewpoint 4 3 8 }",
         "light left { location 1 7 4 emissivity 0.7 0.7 0.7 }",
@@ -46,19 +47,11 @@ def scene_text() -> str:
     return "\n".join([*blocks, "sphere glass { material clear center 4 3 -1.5 radius 2.2 }"])
 
 
-def small_scene() -> Scene:
-    """The scene; the ball is called `glass`."""
-    return parse_scene(scene_text())
-
-
 EDGES = """The same picture, differentiated three times by two numbers: where the ball is, and its index. A tracer that
 shoots one ray through each pixel's middle differentiates the colour at that point. The change at an edge that moves
 across the pixel is not part of it: the rims of the ball and of all that is seen through it are missing. The edge-aware
 derivative has them, and agrees with the finite difference of supersampled pictures, which needs no theory but hundreds
 of rays a pixel. An optimiser that is given the first one walks in a wrong direction."""
-
-NAMES = ("glass.center.x", "glass.ior")
-STEP = 0.006
 
 
 def draw_edges(size: tuple[int, int] = (160, 120), samples: int = 8) -> Figure:
@@ -66,13 +59,13 @@ def draw_edges(size: tuple[int, int] = (160, 120), samples: int = 8) -> Figure:
 
     The finite differences are of pictures with `samples` x `samples` rays a pixel.
     """
-    scene = small_scene()
+    scene, names, step = parse_scene(scene_text()), ("glass.center.x", "glass.ior"), 0.006
     point, aware = (RenderSettings(size=size, max_bounces=2, edges=edges) for edges in ("point", "aware"))
-    missing, seen = (picture_derivatives(scene, NAMES, settings) for settings in (point, aware))
-    differences = finite_differences(scene, NAMES, point, STEP, samples)
+    missing, seen = (picture_derivatives(scene, names, settings) for settings in (point, aware))
+    differences = finite_differences(scene, names, point, step, samples)
 
-    figure, axes = make_figure("A point does not see an edge move", len(NAMES), 4, (15, 6.6))
-    for row, (name, unit) in enumerate(zip(NAMES, seen.units, strict=True)):
+    figure, axes = make_figure("A point does not see an edge move", len(names), 4, (15, 6.6))
+    for row, (name, unit) in enumerate(zip(names, seen.units, strict=True)):
         picture, *panels = axes[4 * row : 4 * row + 4]
         image, title = (seen.image, "edge-aware picture") if row else (missing.image, "point-sampled picture")
         picture.imshow(as_pixels(image, "course"))
@@ -84,7 +77,7 @@ def draw_edges(size: tuple[int, int] = (160, 120), samples: int = 8) -> Figure:
             ax.set_title(f"d/d {name}: {title}", fontsize=10)
             error, agreement = relative_error(values, differences[row]), correlation(values, differences[row])
             ax.set_xlabel(f"error {100 * error:.0f} %, correlation {agreement:.2f}", fontsize=10)
-        panels[-1].set_xlabel(f"{samples} × {samples} rays a pixel, step ±{STEP:g}", fontsize=10)
+        panels[-1].set_xlabel(f"{samples} × {samples} rays a pixel, step ±{step:g}", fontsize=10)
         bar = figure.colorbar(panels[0].images[0], ax=panels, extend="both", fraction=0.02, pad=0.01)
         bar.set_label(f"change of the colour\nper {unit}")
     for ax in axes:
@@ -107,7 +100,7 @@ def draw_cost(size: tuple[int, int] = (160, 120), count: int = 121) -> Figure:
 
     Of the `count` indices from 1 to 2.2 one is 1.5 where there are 12 k + 1.
     """
-    scene, settings = small_scene(), RenderSettings(size=size, max_bounces=2)
+    scene, settings = parse_scene(scene_text()), RenderSettings(size=size, max_bounces=2)
 
     def picture(index: float) -> np.ndarray:
         return np.asarray(render(set_parameters(scene, {"glass.ior": index}), settings).image)
@@ -134,3 +127,36 @@ def draw_cost(size: tuple[int, int] = (160, 120), count: int = 121) -> Figure:
     label(cost, "cost", "index of refraction n", "mean squared error [share of its largest]")
     label(slope, "its slope: a descent goes against it", "index of refraction n", "slope [per unit of index]")
     return figure
+
+
+class Lesson(NamedTuple):
+    """A figure, its heading, and a paragraph of Markdown on what it shows."""
+
+    title: str
+    text: str
+    draw: Callable[[], Figure]
+
+
+LESSONS = {
+    "snell": Lesson("Snell's law and its gradient", formulas.SNELL, formulas.draw_snell),
+    "fresnel": Lesson("Fresnel and Schlick", formulas.FRESNEL, formulas.draw_fresnel),
+    "critical": Lesson("The critical angle", formulas.CRITICAL, formulas.draw_critical),
+    "ball": Lesson("A ray through a ball", formulas.BALL, formulas.draw_ball),
+    "total_reflection": Lesson(
+        "Total internal reflection, as automatic differentiation sees it",
+        formulas.TOTAL_REFLECTION,
+        formulas.draw_total_reflection,
+    ),
+    "edges": Lesson("A point does not see an edge move", EDGES, draw_edges),
+    "cost": Lesson("What a search for the index walks on", COST, draw_cost),
+}
+"""Lessons by their names, in the order in which they build on each other."""
+
+
+def index_page(names: Iterable[str]) -> str:
+    """A Markdown page with a heading, the figure `NAME.png` and a paragraph for each of some lessons."""
+    parts = ["# Refraction and its derivatives", "Made by `raytrace-jax teach`; angles are counted from the normal."]
+    for name in names:
+        lesson = LESSONS[name]
+        parts += [f"## {lesson.title}", f"![{lesson.title}]({name}.png)", lesson.text]
+    return "\n\n".join(parts) + "\n"

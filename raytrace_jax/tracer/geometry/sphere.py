@@ -32,7 +32,7 @@ class Chord(NamedTuple):
     half: Scalars
 
 
-def chord(o: Vectors, d: Vectors, center: Vectors, radius: Number) -> Chord:
+def chord(o: Vectors, d: Vectors, center: Array, radius: Array) -> Chord:
     """The chords of rays in spheres, whose centers and radii are shaped to broadcast over the rays.
 
     The discriminant is `r^2 - |oc - (oc.d) d|^2`, the form that loses no digits when the sphere is far away or small
