@@ -115,9 +115,8 @@ class CameraModel:
         """The developed picture at the unknowns `y`, with the derivatives by all of them."""
         if not self.is_needed:
             return light
-        jacobian = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
-        jacobian[list(self.unknowns.traced)] = light.jacobian
-        developed = develop_derivatives(light.image, jacobian, self._array(y), self.of_scene, self.unknowns, frame)
+        places = light.image, light.jacobian, self._array(y), self.of_scene, self.unknowns, frame
+        developed = develop_derivatives(*places, self.unknowns.traced)
         return PredictedPicture(developed[0], developed[1], light.sees_edge)
 
     def changes(
