@@ -327,7 +327,7 @@ def above_one_in_words(problem: Problem, explained: bool, at_bound: Mapping[str,
     stuck = [
         name
         for name, transform in zip(names, problem.unknowns.transforms, strict=True)
-        if resolve(problem.scene, name).attribute.quantity.role == "index" and transform.limits[0] == 1
+        if resolve(problem.scene, name).attribute.quantity.role == "index" and transform.lower == 1
         if not explained or name in at_bound
     ]
     if not stuck:

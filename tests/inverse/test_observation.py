@@ -136,7 +136,7 @@ def test_large_pixels_are_means_and_one_with_a_masked_pixel_is_left_out():
 def test_a_vector_is_free_in_all_its_numbers_in_the_users_spelling_and_order():
     unknowns = make_unknowns(assignment_scene(), ["vitreous.center", "cyan.ior"])
     assert unknowns.names == ("vitreous.center.x", "vitreous.center.y", "vitreous.center.z", "cyan.ior")
-    assert unknowns.transforms == (Transform(), Transform(), Transform(), Transform("above", 1.0))
+    assert unknowns.transforms == (Transform(), Transform(), Transform(), Transform(1.0))
     np.testing.assert_allclose(unknowns.initial(assignment_scene()), [4.3, 2.3, -1, 1.337])
 
 
@@ -223,7 +223,7 @@ def test_the_natural_scale_of_an_index_counts_from_one():
     assert natural_scale(scene, "red.ior") == pytest.approx(0.1)
 
 
-NAMES = Unknowns(("ball.ior", "ball.radius"), (Transform("above", 1.0), Transform("above")))
+NAMES = Unknowns(("ball.ior", "ball.radius"), (Transform(1.0), Transform(0.0)))
 
 
 def test_a_prior_has_its_place_and_the_others_have_none():

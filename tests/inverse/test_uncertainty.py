@@ -202,7 +202,7 @@ def test_another_unit_of_a_parameter_changes_its_error_alone(factor):
 def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
     values = np.array([0.7, 0.35, 1.2])
     columns, found = COLUMNS, []
-    for transforms in (None, [Transform(), Transform("between"), Transform("above", 1.0)]):
+    for transforms in (None, [Transform(), Transform(0.0, 1.0), Transform(1.0)]):
         problem = linear_problem(columns, picture(values) + white(), transforms=transforms, priors={C: (1.2, 1e-3)})
         y = problem.y_of(values)
         stage = Stage("point", noise=SIGMA)

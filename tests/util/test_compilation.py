@@ -114,7 +114,7 @@ def files(folder):
 
 
 def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
-    unknowns = Unknowns(("a.radius",), (Transform("above"),))
+    unknowns = Unknowns(("a.radius",), (Transform(0.0),))
     y = jnp.asarray([0.25])
     forget_programs()
     first = values_and_slopes(y, unknowns)
@@ -138,7 +138,7 @@ def keep_at_most(monkeypatch):
 
 
 def test_of_too_much_those_go_that_were_not_used_for_longest(kept, keep_at_most):
-    unknowns = Unknowns(("a.radius",), (Transform("above"),))
+    unknowns = Unknowns(("a.radius",), (Transform(0.0),))
     keep_at_most(0)
     old = kept / "programs" / "of-another-version" / "linearize-0"
     old.parent.mkdir(parents=True)

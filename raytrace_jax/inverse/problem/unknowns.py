@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -33,25 +33,34 @@ Mask = Bool[np.ndarray, "height width"]
 PixelJacobian = Float[np.ndarray, "parameters 3 height width"]
 Covariance = Float[np.ndarray, "parameters parameters"]
 
-Bounds = Literal["free", "above", "between"]
-
 
 @dataclasses.dataclass(frozen=True)
 class Transform:
-    """A scalar parameter as a function of its unknown `y`: linear from end to end of its reach.
+    """A parameter with a lower bound, both or none, as a function of its unknown `y`, linear between the ends.
 
-    `free`: `unit * y`; `above`: `lower + unit * y`; `between`: from `lower` to `upper` for y from 0 to 1. An unknown
-    beyond its reach gives the value of the end, for solvers that do not know the reach.
+    Without bounds it is `unit * y`, with one `lower + unit * y`, with two it goes from one to the other for y from 0 to
+    1. An unknown beyond its reach gives the value of the end, for solvers that do not know the reach.
     """
 
-    bounds: Bounds = "free"
-    lower: float = 0.0
-    upper: float = 1.0
+    lower: float = -math.inf
+    upper: float = math.inf
     unit: float = 1.0
+
+    @property
+    def width(self) -> float:
+        """The change of the value while its unknown changes by 1."""
+        return self.unit if math.isinf(self.upper) else self.upper - self.lower
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """The least and the largest unknown that a solver may try."""
+        # A radius of 0 is none: a value comes as near to its bound as this, in units or shares of its range.
+        least = -math.inf if math.isinf(self.lower) else 1e-30
+        return least, math.inf if math.isinf(self.upper) else 1.0
 
     def to_value(self, y: Float[Array, ""]) -> Float[Array, ""]:
         """The parameter's value; at an end the derivative is that of the inside."""
-        if self.bounds == "free":
+        if math.isinf(self.lower):
             # Not even multiplied by 1: XLA takes the smallest numbers for 0 where it calculates.
             return y if self.unit == 1 else self.unit * y
         least, most = self.reach
@@ -60,45 +69,10 @@ class Transform:
 
     def to_unknown(self, value: float) -> float:
         """The unknown that gives a value; a value at or beyond a bound is first moved just inside."""
-        if self.bounds == "free":
+        if math.isinf(self.lower):
             return value / self.unit
         least, most = self.reach
         return min(max((value - self.lower) / self.width, least), most)
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """The least and the largest value."""
-        if self.bounds == "free":
-            return -math.inf, math.inf
-        return self.lower, math.inf if self.bounds == "above" else self.upper
-
-    @property
-    def width(self) -> float:
-        """The change of a bounded value while its unknown changes by 1."""
-        return self.unit if self.bounds == "above" else self.upper - self.lower
-
-    @property
-    def reach(self) -> tuple[float, float]:
-        """The least and the largest unknown that a solver may try."""
-        if self.bounds == "free":
-            return -math.inf, math.inf
-        # A radius of 0 is none: a value comes as near to its bound as this, in units or shares of its range.
-        return 1e-30, math.inf if self.bounds == "above" else 1.0
-
-
-def default_transform(quantity: Quantity, value: float, unit: float = 1.0) -> Transform:
-    """The transform that keeps a number of this quantity, which starts at `value`, in its range.
-
-    `unit` is the size at which such a number counts as 1; see `natural_unit`.
-    """
-    lower, upper = quantity.range_at(value)
-    if np.isinf(lower):
-        return Transform(unit=unit)
-    return Transform("above", lower, unit=unit) if np.isinf(upper) else Transform("between", lower, upper)
-
-
-LEAST_SCALE = 0.1
-"""The natural scale, in units, of a number that is 0 and so has no size of its own."""
 
 
 def natural_unit(scene: Scene, quantity: Quantity, model: ModelName = "classic", light: float = 1.0) -> float:
@@ -119,13 +93,14 @@ def natural_scale(scene: Scene, name: str, model: ModelName = "classic", light: 
     address, block, attribute, _ = resolve(scene, name)
     value, quantity = float(address.read(scene)), attribute.quantity
     unit = natural_unit(scene, quantity, model, light)
+    # A number that is 0, and an index of 1, have no size of their own.
     if quantity.scale == "index":
-        return max(abs(value - 1), LEAST_SCALE)
+        return max(abs(value - 1), 0.1)
     if quantity.scale == "block":
         return max(_length(block.read(scene, side)) for side in quantity.sized_by)
     if quantity.scale == "vector":
         return max(_length(address.entry.read(scene)), unit)
-    return max(abs(value), LEAST_SCALE * unit)
+    return max(abs(value), 0.1 * unit)
 
 
 def _length(value: Array) -> float:
@@ -178,7 +153,7 @@ class Unknowns:
     @property
     def limits(self) -> Float[np.ndarray, "2 parameters"]:
         """The least and the largest value of each parameter."""
-        return np.array([transform.limits for transform in self.transforms]).T
+        return np.array([(transform.lower, transform.upper) for transform in self.transforms]).T
 
     def scene(self, scene: Scene, values: Vector | Values) -> Scene:
         """The scene with these values, ties followed."""
@@ -250,7 +225,7 @@ def _transform(scene: Scene, name: str, model: ModelName, light: float) -> Trans
     if complaint:
         raise ParameterError(f"{name} cannot be free: where it moves alone, {complaint[1]}.")
     unit = natural_unit(scene, attribute.quantity, model, light)
-    return default_transform(attribute.quantity, float(address.read(scene)), unit)
+    return Transform(*attribute.quantity.range_at(float(address.read(scene))), unit)
 
 
 def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
