@@ -1,4 +1,4 @@
-"""The uncertainty of an estimate: covariance, the bound that no estimate beats, and parameters left open."""
+"""The uncertainty of an estimate: covariance, the bound that no estimate beats, and undetermined parameters."""
 
 import contextlib
 import dataclasses
@@ -14,12 +14,8 @@ from raytrace_jax.util.numerics import MAD_TO_SIGMA, TINY
 RANK_TOLERANCE = 1e-9
 """A direction along which the picture changes this much less than along the strongest one is not determined."""
 
-RANK_ROUNDINGS = 1e3
-"""`RANK_TOLERANCE` is at least this many roundings of the dtype, the digits of sums over a hundred thousand pixels. It
-rules in float32."""
-
-PART = 1e-3
-"""A parameter with this fraction of a direction that is not determined is not determined itself."""
+NULL_COMPONENT = 1e-3
+"""A parameter whose component along a null direction exceeds this is reported as undetermined."""
 
 LEAST_CURVATURE = 0.05
 """The loss must curve up by this fraction of least squares' curvature in every direction: a Cauchy loss of Gaussian
@@ -29,10 +25,6 @@ as large where two fifths are outliers or the model is wrong (experiments/tuning
 LARGEST_ERROR = 0.5
 """An error beyond this fraction of a parameter's natural scale leaves it open. With 1 a ball of a five-hundredth of
 transparency passes for determined (experiments/tuning)."""
-
-SHARE_WORTH_NAMING = 0.05
-"""Parameters with less than this fraction of the weakest combination, which change its length by a thousandth, are not
-named in it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,19 +66,9 @@ class Uncertainty:
     @classmethod
     def unknown(cls, count: int, sigma: float | None) -> "Uncertainty":
         """The uncertainty of so many parameters of which nothing is known."""
-        nothing = np.full((count, count), np.nan)
-        return cls(
-            standard_error=nothing[0],
-            covariance=nothing,
-            cramer_rao=nothing[0],
-            sigma=np.nan if sigma is None else sigma,
-            resolution=np.zeros(count),
-            sigma_given=sigma is not None,
-            reduced_chi_square=np.nan,
-            condition_number=np.nan,
-            weakest="",
-            undetermined=(),
-        )
+        nothing, is_given = np.full((count, count), np.nan), sigma is not None
+        used, resolution = sigma if is_given else np.nan, np.zeros(count)
+        return cls(nothing[0], nothing, nothing[0], used, resolution, is_given, np.nan, np.nan, "", ())
 
 
 def noise_level(state: FitState) -> float:
@@ -146,9 +128,10 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     length = np.where(lengths > 0, lengths, 1)
     _, strengths, directions = np.linalg.svd(triangle / length, full_matrices=False)
     rounding = float(np.finfo(problem.observation.target.dtype).eps)
-    tolerance = max(RANK_TOLERANCE, RANK_ROUNDINGS * rounding)
+    # At least a thousand roundings, the digits of sums over a hundred thousand pixels; they rule in float32.
+    tolerance = max(RANK_TOLERANCE, 1e3 * rounding)
     strong = strengths > tolerance * max(strengths[0], TINY)
-    open_ = (lengths == 0) | np.any(np.abs(directions[~strong]) > PART, axis=0)
+    open_ = (lengths == 0) | np.any(np.abs(directions[~strong]) > NULL_COMPONENT, axis=0)
     whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
 
     # H, in the directions in which R is the identity. Where it curves down there are outliers only, and R's is taken.
@@ -221,7 +204,7 @@ def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:
     strengths, directions = np.linalg.eigh(information / np.outer(length, length))
     strong = strengths > max(tolerance, 1e-15) * max(strengths[-1], TINY)  # A few roundings of float64.
     roots = np.sqrt(np.sum(directions[:, strong] ** 2 / strengths[strong], axis=1)) / length
-    return np.where((lengths == 0) | np.any(np.abs(directions[:, ~strong]) > PART, axis=1), np.inf, roots)
+    return np.where((lengths == 0) | np.any(np.abs(directions[:, ~strong]) > NULL_COMPONENT, axis=1), np.inf, roots)
 
 
 def direction_in_words(triangle: np.ndarray, scale: np.ndarray, names: tuple[str, ...]) -> str:
@@ -231,7 +214,8 @@ def direction_in_words(triangle: np.ndarray, scale: np.ndarray, names: tuple[str
     units.
     """
     weakest = np.linalg.svd(triangle)[2][-1]
-    order = [k for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > SHARE_WORTH_NAMING * np.max(np.abs(weakest))]
+    # What has less than a twentieth changes the combination's length by a thousandth, and is not named.
+    order = [k for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > 0.05 * np.max(np.abs(weakest))]
     change = weakest * scale
     change = change / change[order[0]]
     return ", ".join(f"{names[k]} {change[k]:+.3g}" for k in order)
