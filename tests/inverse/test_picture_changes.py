@@ -19,7 +19,7 @@ from raytrace_jax.inverse.judge.changes import (
     number_changes,
     parameter_changes,
 )
-from raytrace_jax.inverse.problem.fixed import fixed_numbers
+from raytrace_jax.inverse.problem.fixed import fixed_numbers, number_size
 from raytrace_jax.inverse.solve.search import best_films
 
 SETTINGS = RenderSettings(size=(40, 30), max_bounces=2)
@@ -70,8 +70,7 @@ def test_a_fixed_number_changes_the_picture_as_it_would_if_it_were_free(edges):
     names = ["vitreous.radius", "topright.location.y", "cyan.diffuse.g", "cyan.alpha", "cam1.viewpoint.z"]
     problem = problem_of(["vitreous.ior"])
     numbers = fixed_numbers(problem)
-    changes = number_changes(pixels_of(problem, edges), numbers)
-    found = {number.name: change for number, change in zip(numbers, changes, strict=True)}
+    found = dict(zip(numbers, number_changes(pixels_of(problem, edges), numbers), strict=True))
     free = problem_of(names)
     wanted = parameter_changes(pixels_of(free, edges))
     # Of a colour points stand for edges.
@@ -81,13 +80,13 @@ def test_a_fixed_number_changes_the_picture_as_it_would_if_it_were_free(edges):
 
 def test_numbers_are_all_that_are_not_free_and_not_absent():
     problem = problem_of(["vitreous.ior", "central.center"], ties={"upperright.center": "central.center"})
-    sizes = {number.name: number.size for number in fixed_numbers(problem)}
-    names = list(sizes)
+    names = fixed_numbers(problem)
     assert "vitreous.radius" in names and "cam1.viewpoint.x" in names and "topright.emissivity.b" in names
     assert not any(name.startswith(("central.center", "upperright.center")) for name in names)
     assert "cyan.ior" not in names, "it is free by another name"
     assert "green.alpha" not in names, "it is 0"
-    assert "green.alpha" in [number.name for number in fixed_numbers(problem, {"green.alpha"})]
+    assert "green.alpha" in fixed_numbers(problem, {"green.alpha"})
+    sizes = {name: number_size(SCENE, parameter.address) for name, parameter in names.items()}
     assert sizes["vitreous.radius"] == pytest.approx(2.3)
     assert sizes["topright.location.x"] == sizes["topright.location.z"] == pytest.approx(np.linalg.norm([6, 4, 1]))
 
@@ -97,7 +96,7 @@ def test_a_number_at_its_limit_moves_inward():
     scene = set_parameters(SCENE, {"vitreous.alpha": 1.0})
     problem = posed_problem(scene, np.asarray(render(SCENE, SETTINGS).image), ["vitreous.ior"], SETTINGS)
     numbers = fixed_numbers(problem)
-    (place,) = [k for k, number in enumerate(numbers) if number.name == "cyan.alpha"]
+    (place,) = [k for k, name in enumerate(numbers) if name == "cyan.alpha"]
     pixels = pixels_of(problem, "point", np.ones((30, 40), bool))
     found = number_changes(pixels, numbers)[place].reshape(3, 30, 40)
     wanted = picture_derivatives(scene, ["vitreous.alpha"], SETTINGS).values[0]
@@ -124,9 +123,8 @@ def test_changes_are_those_after_the_film(free):
         assert relative(one, other) < (0.1 if name.startswith("vitreous") else 1e-9), name
     # A fixed number changes the developed picture as it would if it were free.
     numbers = fixed_numbers(problem)
-    names = [number.name for number in numbers]
-    assert not any(name.startswith("film") for name in names)
-    place = names.index("topright.location.y")
+    assert not any(name.startswith("film") for name in numbers)
+    place = list(numbers).index("topright.location.y")
     by_number = number_changes(pixels, numbers)[place]
     other = posed_problem(scene, target, ["topright.location.y", *free], SETTINGS, WEIGHTS)
     assert relative(by_number, parameter_changes(dataclasses.replace(pixels, problem=other, y=other.start()))[0]) < 1e-3

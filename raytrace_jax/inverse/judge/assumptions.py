@@ -1,4 +1,4 @@
-"""The sensitivity of an answer to fixed parameters, the causes of its residual, and what both say in words."""
+"""Sensitivity to fixed parameters, and candidate explanations of the residual."""
 
 import dataclasses
 import math
@@ -39,8 +39,7 @@ class Contradiction(NamedTuple):
     Args:
         found: the estimate and its standard deviation.
         stated: mean and standard deviation before.
-        deviations: how far they are apart, in standard deviations of their difference. That is less than the one of
-            what was stated, on which the estimate rests as well.
+        deviations: how far they are apart, in standard deviations of their difference.
     """
 
     name: str
@@ -132,10 +131,10 @@ class ModelCheck:
     """The findings of a check of the model.
 
     Args:
-        assumptions: what was taken for granted, the most consequential first.
-        causes: what the residual looks like, the best explanation first.
+        assumptions: the most consequential first.
+        causes: the best explanation first.
         stated, structure: covariance of the estimate from numbers that are stated to be uncertain, and from what the
-            residual shows; in the parameters' units.
+            residual shows.
         far_matters: whether correlation of distant pixels, if there is any, speaks against the model: it moves an
             estimate by more than its standard error, or is more than single samples at edges make.
     """
@@ -150,12 +149,10 @@ class ModelCheck:
     @classmethod
     def nothing(cls, count: int) -> "ModelCheck":
         """The check of a fit of so many parameters whose model was not looked at."""
-        zero = np.zeros((count, count))
-        return cls((), (), PairScores(0.0, 0.0), zero, zero)
+        return cls((), (), PairScores(0.0, 0.0), np.zeros((count, count)), np.zeros((count, count)))
 
     @property
     def covariance(self) -> Float[np.ndarray, "parameters parameters"]:
-        """Covariance of the estimate from stated uncertainties and from structure."""
         return self.stated + self.structure
 
     @property
@@ -165,17 +162,14 @@ class ModelCheck:
 
 
 def looks_like(causes: tuple[Cause, ...]) -> str:
-    """The causes of a residual, as a sentence of its own without its end."""
+    """The causes of a residual, as a sentence without its end."""
     return f". The residual looks like {listed(cause.words for cause in causes)}" if causes else ""
 
 
 def dependences(
     assumptions: Sequence[Assumption], names: Sequence[str], total_error: np.ndarray
 ) -> tuple[Dependence, ...]:
-    """For each estimate the number on which it depends most, of those whose uncertainty was not stated.
-
-    An estimate that has no error, or depends on nothing, is left out.
-    """
+    """For each estimate with an error the number on which it depends most, of those without a stated uncertainty."""
     found, exact = [], [one for one in assumptions if not one.uncertainty and one.size]
     for k, (name, error) in enumerate(zip(names, map(float, total_error), strict=True)):
         if exact and 0 < error < math.inf:

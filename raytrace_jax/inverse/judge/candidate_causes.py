@@ -12,7 +12,7 @@ from scipy import stats
 
 from raytrace_jax.inverse.judge.assumptions import Cause
 from raytrace_jax.inverse.judge.changes import SampledPicture, number_changes
-from raytrace_jax.inverse.problem.fixed import fixed_numbers
+from raytrace_jax.inverse.problem.fixed import fixed_numbers, number_size
 from raytrace_jax.inverse.problem.unknowns import Covariance, Image
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.scene.response import FILM, FILM_EFFECTS, FilmEffect, develop_compiled, neutral_response, without_idle
@@ -30,13 +30,12 @@ class CandidateCause(NamedTuple):
     """A fixed number of the scene, or a number of its film, that may be off.
 
     Args:
-        name: the number's name, `film.gain.r`; without a component where all channels of an effect change together.
-        value: the number in the scene; that of the first channel where all change together.
-        size: how large it is, as `FixedNumber` has it.
+        name: `film.gain.r`; without a component where all channels of an effect change together.
+        value, size: the number in the scene, of several channels the first; and `number_size`.
         change: the weighted residual's derivative by the number, as rows; of an effect that grows with the number's
             square, by the square.
         uncertainty: the standard deviation that was stated; 0 if nothing was.
-        effect: what a film does with the number; None for a number of the scene.
+        effect: what a film does with it; None for a number of the scene.
         linear: up to this amount the picture changes in proportion.
         least_left: the least fraction of the change that the free parameters must leave to tell it from theirs.
     """
@@ -77,11 +76,9 @@ class CandidateCause(NamedTuple):
     def cause(self, found: float, score: float) -> Cause:
         """The cause with a found amount; for a value that cannot be, the advice is another one."""
         # Amounts are told in pixels, and in percent where a number has a size.
-        unit, advice = "%" if self.size > 0 else "", f"free {self.name}, or measure it"
-        if self.effect:
-            unit, advice = self.effect.unit, self.effect.advice.replace("free it", f"free {self.name}")
-        elif self.attribute.unit == "pixel":
-            unit = "px"
+        unit = "px" if self.attribute.unit == "pixel" else "%" if self.size > 0 else ""
+        unit, advice = (self.effect.unit, self.effect.advice) if self.effect else (unit, "free it, or measure it")
+        advice = advice.replace("free it", f"free {self.name}")
         if not self.is_possible(found):
             limit = self.attribute.limit
             wanted = f"must be {limit.wanted}" if limit else "cannot change so much"
@@ -96,19 +93,17 @@ def scene_candidates(pixels: SampledPicture, uncertain: Mapping[str, float]) -> 
     A colour, or a gamma, may be off by half of its size if the picture is to change in proportion; other numbers by a
     tenth: most move edges across pixels, where a solver's step ends at a tenth too.
     """
-    numbers = fixed_numbers(pixels.problem, uncertain)
-    if not numbers:
-        return
-    for number, change in zip(numbers, number_changes(pixels, numbers), strict=True):
-        is_color = number.parameter.is_color
+    scene, numbers = pixels.problem.scene, fixed_numbers(pixels.problem, uncertain)
+    for (name, parameter), change in zip(numbers.items(), number_changes(pixels, numbers), strict=True):
+        size, is_color = number_size(scene, parameter.address), parameter.is_color
         yield CandidateCause(
-            number.name,
-            number.value,
-            number.size,
-            number.parameter.attribute,
+            name,
+            float(parameter.address.read(scene)),
+            size,
+            parameter.attribute,
             change.reshape(-1),
-            uncertain.get(number.name, 0.0),
-            linear=(0.5 if is_color else 0.1) * number.size or math.inf,
+            uncertain.get(name, 0.0),
+            linear=(0.5 if is_color else 0.1) * size or math.inf,
             # A few points tell how a colour changes an edge-aware picture, and a free gain is exact: the light of a
             # checker, 160 x 120, leaves 3e-4 beside it where nothing is left.
             least_left=1e-3 if is_color and pixels.edges == "aware" else 1e-6,
@@ -197,7 +192,6 @@ def score_changes(rows: Rows, nuisance, changes, least_left: Float[np.ndarray, "
         For each change its standard score with a sign, at most 37, where chance is below 1e-300; how much of it the
         residual holds; and by how much the weighted sum of squares falls with it.
     """
-    # What a change leaves beside the nuisance, and how much of that each square sees.
     rest = orthogonal_to(nuisance, changes, rows.weight)
     by_square = square_totals(rest * rest * rows.weight, rows.square)
     left = by_square.sum(axis=1)
@@ -205,7 +199,6 @@ def score_changes(rows: Rows, nuisance, changes, least_left: Float[np.ndarray, "
     length = np.where(is_seen, left, 1.0)[:, None]
     fraction = by_square / length
 
-    # The sandwich, and the number of squares that decide.
     products = square_totals(rest * (rows.weight * rows.evidence), rows.square)
     evident = products.sum(axis=1, keepdims=True) / length
     errors = (products - evident * by_square) / np.maximum(1 - fraction, 1e-6)
@@ -223,7 +216,7 @@ def score_changes(rows: Rows, nuisance, changes, least_left: Float[np.ndarray, "
 
 
 def orthogonal_to(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "changes rows"]:
-    """The rest of changes when the free parameters have been fitted to them."""
+    """The rest of changes when the free parameters have been fitted to them, `change - J fitted(change)`."""
     return changes - fitted(free, changes, weight).T @ free
 
 

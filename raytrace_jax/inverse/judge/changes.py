@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +12,12 @@ from scipy import ndimage
 
 from raytrace_jax.inverse.judge.structure import square_sums
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem.fixed import FixedNumber, inward_step, moved_together
+from raytrace_jax.inverse.problem.fixed import inward_step, moved_together, number_size
 from raytrace_jax.inverse.problem.linearize import Linearization
 from raytrace_jax.inverse.problem.prediction import PredictedPicture
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import Image, Mask, Vector
+from raytrace_jax.scene.parameters import Parameter
 from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import pixel_step
@@ -60,7 +61,14 @@ def draw_sample(counts: Mask, weight: Float[np.ndarray, "height width"], most: i
         # Mostly by what decides, three tenths spread evenly over the picture.
         size = square_sums(np.where(counts, weight, 0.0)[None], side).reshape(-1)
         size = 0.7 * size / max(size.sum(), TINY) + 0.3 * pixels / pixels.sum()
-        probability = probabilities(size, pixels, most)
+        # What is above 1 is cut to 1, and the others grow to make up for it, until none is above 1.
+        probability = np.zeros_like(size)
+        for _ in range(20):
+            rest, left = np.where(probability >= 1, 0.0, size), most - pixels[probability >= 1].sum()
+            if left <= 0 or not rest.any():
+                break
+            larger = np.minimum(rest * left / (rest * pixels).sum(), 1.0)
+            probability = np.where(probability >= 1, 1.0, larger)
     steps = np.floor(np.cumsum(probability) + np.random.default_rng(0).uniform())
     chosen = np.diff(steps, prepend=np.floor(steps[0] - probability[0])) > 0
     chosen = (chosen | (probability >= 1)) & (pixels > 0)
@@ -74,27 +82,9 @@ def squares_of(shape: tuple[int, ...], side: int) -> Int[np.ndarray, "height wid
     return row[:, None] * -(-shape[1] // side) + column
 
 
-def probabilities(size: Float[np.ndarray, " squares"], pixels: Float[np.ndarray, " squares"], most: int) -> np.ndarray:
-    """Probabilities in proportion to sizes, at most 1, such that about `most` pixels are expected."""
-    # What is above 1 is cut to 1, and the others grow to make up for it, until none is above 1.
-    found = np.zeros_like(size)
-    for _ in range(20):
-        left = most - pixels[found >= 1].sum()
-        rest = np.where(found >= 1, 0.0, size)
-        if left <= 0 or not rest.any():
-            break
-        found = np.where(found >= 1, 1.0, np.minimum(rest * left / (rest * pixels).sum(), 1.0))
-    return found
-
-
 @dataclasses.dataclass(frozen=True)
 class SampledPicture:
-    """Renders some pixels of moved scenes.
-
-    Args:
-        traced: the pixels that are rendered.
-        check_clock: called before each few scenes; what it raises ends the work.
-    """
+    """Renders the traced pixels of moved scenes; calls `check_clock` before each few, whose error ends the work."""
 
     problem: Problem
     y: Vector
@@ -105,9 +95,8 @@ class SampledPicture:
     @functools.cached_property
     def radiance(self) -> Image | None:
         """The whole picture before the film, where the scene has a film."""
-        if not self.problem.camera.is_needed:
-            return None
-        return np.asarray(self.problem.radiance(self.y, self.edges).image, np.float64)
+        is_needed = self.problem.camera.is_needed
+        return np.asarray(self.problem.radiance(self.y, self.edges).image, np.float64) if is_needed else None
 
     @functools.cached_property
     def sampled(self) -> PixelSample:
@@ -129,7 +118,6 @@ class SampledPicture:
 
     @property
     def root_weight(self) -> Float[np.ndarray, " pixels"]:
-        """Square roots of the sampled pixels' weights."""
         return self.sampled.of(np.asarray(self.problem.observation.root_weight, np.float64))
 
     def _step_of(self, edges: EdgeMode) -> Float[np.ndarray, "2"] | None:
@@ -143,11 +131,10 @@ class SampledPicture:
     def render(
         self, scenes: Scene, edges: EdgeMode, offsets: Sequence[Sequence[float]] = ((0.0, 0.0),), thin: int = 1
     ) -> Float[np.ndarray, "scenes 3 pixels"]:
-        """Render the traced pixels of several scenes, before the film.
+        """Render one in `thin` of the traced pixels of several scenes, before the film.
 
         Args:
             offsets: places in each pixel over which to take the mean, in pixels to the right and down from its point.
-            thin: only one pixel in so many is rendered.
         """
         # Some at a time, for the clock: eight of 20,000 edge-aware pixels take some seconds.
         row, column = self.traced.row[::thin], self.traced.column[::thin]
@@ -162,10 +149,9 @@ class SampledPicture:
         return np.concatenate(found)
 
     def derivative(self, change, step: Float[np.ndarray, " changes"], size: Float[np.ndarray, " changes"]):
-        """Convert differences of pictures to derivatives of the weighted residual; 0 where a pixel jumped or is NaN.
+        """Convert differences of the traced pixels before the film, "changes 3 pixels", one for each number.
 
-        Args:
-            change: difference of the pictures before the film, "changes 3 pixels", one for each number.
+        They become derivatives of the weighted residual; 0 where a pixel jumped or is NaN.
         """
         # A silhouette that moves across 4000 pixels changes one by 4000 times its light for a change of a number by its
         # own size: a pixel that changes by more has jumped.
@@ -202,8 +188,7 @@ def pixels_to_check(
     """The pixels that stand for a picture.
 
     In a point-sampled picture some pixels at the rim of glass decide as much as all others: pixels are chosen in
-    proportion to their derivatives. Edge-aware pixels are alike, and each takes longer where many are at edges than
-    one of a whole picture: they are chosen evenly, and need no linearization.
+    proportion to their derivatives. Edge-aware pixels are alike and cost more: they are chosen evenly.
     """
     most = 20_000  # All of 160 x 120: some seconds of points, about ten of edge-aware pixels.
     counts = problem.observation.counts
@@ -248,46 +233,44 @@ def parameter_changes(pixels: SampledPicture) -> Float[np.ndarray, "parameters 3
     return found
 
 
-def number_changes(pixels: SampledPicture, numbers: Sequence[FixedNumber]) -> Float[np.ndarray, "fixed 3 pixels"]:
+def number_changes(pixels: SampledPicture, numbers: Mapping[str, Parameter]) -> Float[np.ndarray, "fixed 3 pixels"]:
     """The derivative of the weighted residual by each fixed number.
 
     Light of one colour stays light of that colour, so the three numbers of a colour move in one scene, and each is seen
     in its own channel. A colour moves no edge, so a few points tell as much of a pixel as its edges would. A number
     that changes nothing at a sample of the pixels, such as the index of an opaque wall, is taken to change nothing.
     """
-    scene, is_aware = pixels.problem.scene_at(pixels.y), pixels.edges == "aware"
-    steps = np.array([inward_step(number, scene, pixels.step) for number in numbers])
-    is_color = np.array([number.parameter.is_color for number in numbers], bool)
+    problem, parameters, is_aware = pixels.problem, list(numbers.values()), pixels.edges == "aware"
+    scene = problem.scene_at(pixels.y)
+    sizes = np.array([number_size(problem.scene, parameter.address) or 1.0 for parameter in parameters])
+    steps = np.array([inward_step(scene, *each) for each in zip(parameters, pixels.step * sizes, strict=True)])
+    is_color = np.array([parameter.is_color for parameter in parameters], bool)
 
     def differences(which: np.ndarray, edges: EdgeMode, **how) -> np.ndarray:
         """The changes by the chosen numbers: one scene for each number or colour, and last the one as it is."""
-        chosen = [number for number, is_chosen in zip(numbers, which, strict=True) if is_chosen]
-        addresses = [number.parameter.address for number in chosen]
-        moved_with = [a.entry if n.parameter.is_color else a for n, a in zip(chosen, addresses, strict=True)]
-        places = {address: place for place, address in enumerate(dict.fromkeys(moved_with))}
-        place = np.array([places[address] for address in moved_with], int)
-        rows = np.zeros((len(places) + 1, len(chosen)))
+        chosen = [(parameters[k].address, is_color[k]) for k in np.flatnonzero(which)]
+        moved_with = [address.entry if colored else address for address, colored in chosen]
+        _, place = np.unique([moved_with.index(one) for one in moved_with], return_inverse=True)
+        rows = np.zeros((len(set(moved_with)) + 1, len(chosen)))
         rows[place, np.arange(len(chosen))] = steps[which]
-        images = pixels.render(moved_together(scene, chosen, rows), edges, **how)
+        images = pixels.render(moved_together(scene, [address for address, _ in chosen], rows), edges, **how)
         changes = images[place] - images[-1]
         # The channels of a colour moved together: each number has only its own.
-        for k, address in enumerate(addresses):
-            if chosen[k].parameter.is_color:
-                changes[k, np.arange(3) != address.component] = 0
+        for change, (address, colored) in zip(changes, chosen, strict=True):
+            if colored:
+                change[np.arange(3) != address.component] = 0
         return changes
 
     # Which numbers change anything, from one in 16 of the pixels: a thousand of 20000.
-    acts = np.any(differences(np.ones(len(numbers), bool), "point", thin=16) != 0, axis=(1, 2))
+    acts = np.any(differences(np.ones(len(steps), bool), "point", thin=16) != 0, axis=(1, 2))
     if is_aware:
         # The size of the squares of a checker that shines moves edges only, which no point sees.
         unseen = ~acts & ~is_color
         acts[unseen] = np.any(differences(unseen, "aware", thin=16) != 0, axis=(1, 2))
 
-    changes = np.zeros((len(numbers), 3, len(pixels.traced.row)))
-    if (acts & ~is_color).any():
-        changes[acts & ~is_color] = differences(acts & ~is_color, pixels.edges)
-    if (acts & is_color).any():
-        # Two points a pixel and side tell how an edge-aware picture changes with a colour.
-        offsets = sample_offsets(2 if is_aware else 1).tolist()
-        changes[acts & is_color] = differences(acts & is_color, "point", offsets=offsets)
-    return pixels.derivative(changes, steps, np.array([number.size or 1.0 for number in numbers]))
+    changes = np.zeros((len(steps), 3, len(pixels.traced.row)))
+    changes[acts & ~is_color] = differences(acts & ~is_color, pixels.edges)
+    # Two points a pixel and side tell how an edge-aware picture changes with a colour.
+    offsets = sample_offsets(2 if is_aware else 1).tolist()
+    changes[acts & is_color] = differences(acts & is_color, "point", offsets=offsets)
+    return pixels.derivative(changes, steps, sizes)

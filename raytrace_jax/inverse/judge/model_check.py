@@ -19,7 +19,7 @@ from raytrace_jax.inverse.judge.candidate_causes import (
     scene_candidates,
 )
 from raytrace_jax.inverse.judge.changes import extent_of, parameter_changes, pixels_to_check
-from raytrace_jax.inverse.judge.structure import PairScores, block_scatter, pair_scores
+from raytrace_jax.inverse.judge.structure import block_scatter, pair_scores
 from raytrace_jax.inverse.problem.fixed import root_covariance
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.problem import FitState
@@ -54,7 +54,7 @@ def check_model(
     of_scene = list(scene_candidates(pixels, uncertain))
     of_film = list(film_candidates(pixels, light + np.asarray(observation.bias, np.float64), uncertain))
 
-    # The residual beyond what the stages of the observation make by themselves is evidence.
+    # Evidence is the residual beyond quantisation, and beyond what other stages of the observation make by themselves.
     residual, weight = np.asarray(state.residual, np.float64), state.under_loss("weight")
     bound = functools.reduce(np.maximum, (one.bound(observation) for one in problem.stages), np.zeros(()))
     evidence = beyond(observation, residual, weight, bound)
@@ -73,9 +73,7 @@ def check_model(
     spread = np.array([one.uncertainty for one in numbers])
     named = [one.name for one in numbers if one.uncertainty]
     moved = sensitivity[:, spread > 0] @ root_covariance(named, spread[spread > 0], correlations or {}).T
-    stated, assumptions = moved @ moved.T, ranked(numbers, sensitivity, standard_error)
-    if not evidence.any():
-        return ModelCheck(assumptions, (), PairScores(0.0, 0.0), stated, np.zeros((len(free), len(free))))
+    assumptions = ranked(numbers, sensitivity, standard_error)
 
     # What the residual looks like beside what is free or stated to be uncertain.
     nuisance = np.concatenate([free, by_number[spread > 0]])
@@ -98,7 +96,7 @@ def check_model(
         moves = largest_shift(np.sqrt(np.diagonal(scatter))[:, None], standard_error)[0] > 1
         jump = np.array(max((one.jump(observation) for one in problem.stages), default=0.0))
         far_matters = bool(moves or beyond(observation, evidence, weight, jump).any())
-    return ModelCheck(assumptions, causes, pairs, stated, structure, far_matters)
+    return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure, far_matters)
 
 
 def beyond(observation: Observation, residual: Image, weight: Image, bound: np.ndarray) -> Image:

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.problem.unknowns import Covariance, Image, Mask, PixelJacobian
-from raytrace_jax.util.numerics import TINY
+from raytrace_jax.util.numerics import TINY, solve_normal
 
 SQUARE = 4
 """Side in pixels of the squares over which noise averages out and structure stays. With 2 noise passes for structure,
@@ -70,9 +70,10 @@ def structure_and_contrast(residual: Image, target: Image, where: Mask) -> tuple
     full = counts >= 0.5 * SQUARE**2  # Requiring full squares would drop the rim, where wrong models show.
     if np.sum(full) < 2:
         return 0.0, np.inf
-    of = (square_sums(np.where(where, image, 0), SQUARE)[:, full] / counts[full] for image in (residual, target))
-    means, contrast = of
-    return float(np.sqrt(np.mean(means**2))), float(np.mean(contrast.std(axis=1)))
+    means, colours = (
+        square_sums(np.where(where, one, 0), SQUARE)[:, full] / counts[full] for one in (residual, target)
+    )
+    return float(np.sqrt(np.mean(means**2))), float(np.mean(colours.std(axis=1)))
 
 
 def vuong_evidence(better: Image, other: Image) -> float:
@@ -92,8 +93,7 @@ class PairScores(NamedTuple):
     """Standard scores of the products of residuals of two pixels: independent ones have 0, with a spread of 1.
 
     Args:
-        near: score of pixels so near that noise may go together.
-        far: score of others in one square, of four times that.
+        near, far: of pixels so near that noise may go together; of others in one square, of four times that.
     """
 
     near: float
@@ -140,17 +140,13 @@ def block_scatter(jacobian: PixelJacobian, weight: Image, residual: Image) -> Co
     count = len(jacobian)
     flat = jacobian.reshape(count, -1)
     normal = (flat * weight.reshape(-1)) @ flat.T
-    length = np.sqrt(np.maximum(np.diagonal(normal), TINY))
-    inverse = np.linalg.pinv(normal / np.outer(length, length), rcond=1e-12, hermitian=True)
-    pulls = np.sum(jacobian * (weight * residual), axis=1) / length[:, None, None]
-
-    # The pulls sum up to nothing at the optimum: fewer than 30 blocks show too little of their scatter.
-    largest, most = np.zeros((count, count)), -1.0
+    length, pulls = np.sqrt(np.maximum(np.diagonal(normal), 0)), np.sum(jacobian * (weight * residual), axis=1)
+    moved = []
     for side in (16, 32, 64):
         by_block = square_sums(pulls, side).reshape(count, -1)
-        if side > 16 and np.count_nonzero(by_block.any(axis=0)) < 30:
+        # The pulls sum up to nothing at the optimum: fewer than 30 blocks show too little of their scatter.
+        if moved and np.count_nonzero(by_block.any(axis=0)) < 30:
             break
-        found = inverse @ (by_block @ by_block.T) @ inverse
-        if np.trace(found) > most:
-            largest, most = found, float(np.trace(found))
-    return largest / np.outer(length, length)
+        moved.append(solve_normal(normal, by_block))
+    largest = max(moved, key=lambda one: np.linalg.norm(length[:, None] * one))
+    return largest @ largest.T

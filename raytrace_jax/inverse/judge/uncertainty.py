@@ -23,8 +23,8 @@ noise has 0.7, and what is near 0 or below sees outliers only. 0.2 and 0.5 make 
 as large where two fifths are outliers or the model is wrong (experiments/tuning)."""
 
 LARGEST_ERROR = 0.5
-"""An error beyond this fraction of a parameter's natural scale leaves it open. With 1 a ball of a five-hundredth of
-transparency passes for determined (experiments/tuning)."""
+"""An error beyond this fraction of a parameter's natural scale leaves it undetermined. With 1 a ball of a
+five-hundredth of transparency passes for determined (experiments/tuning)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,8 +33,7 @@ class Uncertainty:
 
     Args:
         standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
-            determine it, NaN where the fit was stopped before, or where sums of squares are beyond the dtype's largest
-            number.
+            determine it, NaN where the fit was stopped before, or sums of squares are beyond the dtype.
         cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
         sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
         resolution: the part of `standard_error` that is the step which the solver did not take, and by which places lie
@@ -44,7 +43,7 @@ class Uncertainty:
             where `sigma` was not given.
         condition_number: that of the Jacobian with columns scaled to length one; infinity if it is singular.
         weakest: the combination of parameters that the picture determines least, in words.
-        undetermined: the parameters that the picture leaves open.
+        undetermined: the parameters that the picture does not determine.
     """
 
     standard_error: Values
@@ -60,22 +59,19 @@ class Uncertainty:
 
     @property
     def correlation(self) -> Covariance:
-        """The correlation matrix of the estimate."""
         return correlation_of(self.covariance)
 
     @classmethod
     def unknown(cls, count: int, sigma: float | None) -> "Uncertainty":
         """The uncertainty of so many parameters of which nothing is known."""
-        nothing, is_given = np.full((count, count), np.nan), sigma is not None
-        used, resolution = sigma if is_given else np.nan, np.zeros(count)
-        return cls(nothing[0], nothing, nothing[0], used, resolution, is_given, np.nan, np.nan, "", ())
+        nan, used = np.full((count, count), np.nan), np.nan if sigma is None else sigma
+        return cls(nan[0], nan, nan[0], used, np.zeros(count), sigma is not None, np.nan, np.nan, "", ())
 
 
 def noise_level(state: FitState) -> float:
-    """Standard deviation of the noise, from the residuals where the picture depends on a free parameter.
+    """Standard deviation of the noise, from residuals where the picture depends on a free parameter.
 
-    Elsewhere a backdrop may fit exactly and would make it too small. With a robust loss it is taken from the median,
-    with least squares from the mean square.
+    Elsewhere a backdrop may fit exactly. A robust loss takes it from the median, least squares from the mean square.
     """
     linearization = state.linearization
     if state.stage.loss != "l2":
@@ -94,9 +90,8 @@ def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
     missing noise is added: no error is below the bound. H and M are taken in the directions in which the Jacobian's
     triangle R is the identity, since an inverse of `J^T J` would square the condition number.
 
-    The covariance of unknowns that a stage or the solver does not tell apart although the derivative does is added to
-    the estimate's. Where sums of squares are beyond the dtype nothing is known, and
-    the errors are NaN.
+    The covariance of unknowns that a stage or the solver does not tell apart although the derivative does is added.
+    Where sums of squares are beyond the dtype nothing is known, and the errors are NaN.
     """
     sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
     if all(np.isfinite(np.asarray(getattr(state.linearization, name))).all() for name in sums):
@@ -131,7 +126,7 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     # At least a thousand roundings, the digits of sums over a hundred thousand pixels; they rule in float32.
     tolerance = max(RANK_TOLERANCE, 1e3 * rounding)
     strong = strengths > tolerance * max(strengths[0], TINY)
-    open_ = (lengths == 0) | np.any(np.abs(directions[~strong]) > NULL_COMPONENT, axis=0)
+    undetermined = (lengths == 0) | np.any(np.abs(directions[~strong]) > NULL_COMPONENT, axis=0)
     whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
 
     # H, in the directions in which R is the identity. Where it curves down there are outliers only, and R's is taken.
@@ -169,11 +164,11 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     least = inverse_root(by_value(linearization.information) + np.diag((used * prior_row) ** 2), tolerance**2)
     # A picture that fits exactly has no noise: infinity must not be multiplied by 0.
     bound = np.where(np.isfinite(least), used * np.where(np.isfinite(least), least, 0), np.inf)
-    open_ |= spread > LARGEST_ERROR
+    undetermined |= spread > LARGEST_ERROR
     freedom = problem.observation.count - len(names)
     chi_square = float((state.residual**2).sum()) / max(freedom, 1)
     return Uncertainty(
-        standard_error=np.where(open_ & (spread <= LARGEST_ERROR), np.inf, spread * scale),
+        standard_error=np.where(undetermined & (spread <= LARGEST_ERROR), np.inf, spread * scale),
         covariance=covariance * np.outer(scale, scale),
         cramer_rao=bound * scale,
         sigma=used,
@@ -182,7 +177,7 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
         reduced_chi_square=float("nan") if sigma is None else chi_square / sigma**2,
         condition_number=float(strengths[0] / strengths[-1]) if strengths[-1] > 0 else float("inf"),
         weakest=direction_in_words(triangle, scale, names),
-        undetermined=tuple(name for name, is_open in zip(names, open_, strict=True) if is_open),
+        undetermined=tuple(names[k] for k in np.flatnonzero(undetermined)),
     )
 
 
@@ -197,8 +192,7 @@ def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np
 
 
 def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:
-    """Square roots of the diagonal of a symmetric matrix's inverse; infinity where it has none."""
-    # As in `_quantify`: columns of length one, and a number with a part in what is not determined is not either.
+    """Square roots of the diagonal of a symmetric matrix's inverse; infinity where it has none, as in `_quantify`."""
     lengths = np.sqrt(np.maximum(np.diagonal(information), 0))
     length = np.where(lengths > 0, lengths, 1)
     strengths, directions = np.linalg.eigh(information / np.outer(length, length))

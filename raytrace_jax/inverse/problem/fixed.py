@@ -4,7 +4,6 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Container, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,34 +18,20 @@ from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.util.text import listed, parse_number, quoted
 
 
-class FixedNumber(NamedTuple):
-    """A single number of a scene that is neither free nor tied to a free one.
-
-    Args:
-        size: how large it is: a single number's magnitude; for a vector's component the vector's length.
-    """
-
-    name: str
-    parameter: Parameter
-    value: float
-    size: float
-
-
-def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> list[FixedNumber]:
+def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> dict[str, Parameter]:
     """All numbers that the scene states, the model uses and the fit holds fixed, but for the film's.
 
     A single number that is 0, such as the transparency of a wall, says that there is nothing: it is left out unless it
     is wanted by name. So is what cannot move alone, such as one component of a rectangle's side.
     """
-    scene, moving, found = problem.scene, moving_numbers(problem.scene, problem.unknowns), []
+    scene, moving, found = problem.scene, moving_numbers(problem.scene, problem.unknowns), {}
     for name in scalar_names(scene, list_parameters(scene)):
         parameter = resolve(scene, name)
-        address, value = parameter.address, float(parameter.address.read(scene))
-        is_absent = value == 0 and address.component is None and name not in wanted
-        if not parameter.attribute.is_used_by(problem.base.model) or address.group == FILM:
-            continue
-        if address not in moving and not is_absent and can_move_alone(scene, parameter):
-            found.append(FixedNumber(name, parameter, value, number_size(scene, address)))
+        address = parameter.address
+        is_absent = address.component is None and name not in wanted and float(address.read(scene)) == 0
+        is_used = parameter.attribute.is_used_by(problem.base.model) and address.group != FILM
+        if is_used and address not in moving and not is_absent and can_move_alone(scene, parameter):
+            found[name] = parameter
     return found
 
 
@@ -57,7 +42,7 @@ def moving_numbers(scene: Scene, unknowns: Unknowns) -> dict[Address, str]:
 
 
 def number_size(scene: Scene, address: Address) -> float:
-    """The size of a number, as `FixedNumber` has it."""
+    """The size of a number: a single number's magnitude; for a vector's component the vector's length."""
     return float(np.linalg.norm(np.asarray(address.entry.read(scene))))
 
 
@@ -70,13 +55,10 @@ def can_move_alone(scene: Scene, parameter: Parameter) -> bool:
     return parameter.block.type.complaint(values) is None
 
 
-def inward_step(number: FixedNumber, scene: Scene, fraction: float) -> float:
-    """A step of a number: a fraction of its size, in a direction in which its value stays valid.
-
-    It is the step that is left after rounding to the scene's precision.
-    """
-    address, step = number.parameter.address, fraction * (number.size or 1.0)
-    if number.parameter.attribute.violation(entry_with(scene, address, step)):
+def inward_step(scene: Scene, parameter: Parameter, step: float) -> float:
+    """A step of a number in a direction in which its value stays valid, as rounded to the scene's precision."""
+    address = parameter.address
+    if parameter.attribute.violation(entry_with(scene, address, step)):
         step = -step
     change = entry_with(scene, address, step).astype(np.float64) - np.asarray(address.entry.read(scene), np.float64)
     return float(np.sum(change))
@@ -89,11 +71,10 @@ def entry_with(scene: Scene, address: Address, step: float) -> np.ndarray:
     return entry
 
 
-def moved_together(scene: Scene, numbers: Sequence[FixedNumber], steps: Float[np.ndarray, "scenes fixed"]) -> Scene:
+def moved_together(scene: Scene, addresses: Sequence[Address], steps: Float[np.ndarray, "scenes fixed"]) -> Scene:
     """A scene for each row of steps, with the numbers moved by them; stacked as by `map_scenes`."""
     many = map_scenes(lambda x: np.repeat(np.asarray(x)[None], len(steps), axis=0), scene)
-    for k, number in enumerate(numbers):
-        address = number.parameter.address
+    for k, address in enumerate(addresses):
         place = (slice(None), *(i for i in (address.component, address.column) if i is not None))
         getattr(getattr(many, address.group), address.field)[place] += steps[:, k]
     return many
@@ -112,18 +93,17 @@ def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain)
     Raises:
         ParameterError: an unknown name, a number that is free or tied, a standard deviation that makes no sense.
     """
-    moving, by_address = moving_numbers(scene, unknowns), dict[Address, float]()
+    moving, found = moving_numbers(scene, unknowns), dict[str, float]()
     groups = [(name, amount, numbers_of(scene, name)) for name, amount in uncertain.items()]
     for name, amount, addresses in sorted(groups, key=lambda group: -len(group[2])):
         if all(address in moving for address in addresses):
-            raise ParameterError(
-                f"uncertain {name}: {moving[addresses[0]]} is free; state what is known of it as a prior."
-            )
+            free = moving[addresses[0]]
+            raise ParameterError(f"uncertain {name}: {free} is free; state what is known of it as a prior.")
         spreads = {address: standard_deviation(scene, address, name, amount) for address in addresses}
         if not any(spreads.values()):
             raise ParameterError(f"uncertain {name}={amount}: it is 0, of which a share is nothing; give it in units.")
-        by_address |= {address: spread for address, spread in spreads.items() if address not in moving}
-    return {canonical_name(scene, address): spread for address, spread in by_address.items() if spread > 0}
+        found |= {canonical_name(scene, address): spreads[address] for address in addresses if address not in moving}
+    return {name: spread for name, spread in found.items() if spread > 0}
 
 
 def root_covariance(
@@ -145,8 +125,7 @@ def root_covariance(
             words = f"{quoted(unknown[0])} is not stated to be uncertain; there are {listed(names)}"
             raise ParameterError(f"correlations: {words}.")
         if one == other or not abs(value) <= 1 + rounding:
-            words = "two numbers and a value from -1 to 1 are wanted"
-            raise ParameterError(f"correlations: {one}, {other}: {value}; {words}.")
+            raise ParameterError(f"correlations: {one}, {other}: {value}; wanted are two numbers, and from -1 to 1.")
         matrix[place[one], place[other]] = matrix[place[other], place[one]] = value
     values, vectors = np.linalg.eigh(matrix)
     if np.any(values < -rounding):
@@ -159,13 +138,12 @@ def numbers_of(scene: Scene, name: str) -> list[Address]:
     every = blocks(scene)
     owners = [block for block in every if block.name == name] or [b for b in every if b.type.group == name]
     if not owners and "." not in name:
-        names, kinds = (dict.fromkeys(words) for words in zip(*((b.name, b.type.group) for b in every), strict=True))
-        example = f"{every[-1].name}.{every[-1].type.continuous[0].name}"
         raise ParameterError(
-            f"uncertain {quoted(name)}: neither a number, as {example}, nor a block nor a kind of blocks. "
-            f"Blocks are {listed(names)}; kinds are {listed(kinds)}."
+            f"uncertain {quoted(name)}: neither a number, as {every[0].name}.{every[0].type.continuous[0].name}, nor a "
+            f"block nor a kind of blocks. Blocks are {listed(dict.fromkeys(block.name for block in every))}; kinds are "
+            f"{listed(dict.fromkeys(block.type.group for block in every))}."
         )
-    wanted = [f"{block.name}.{a.name}" for block in owners for a in block.type.continuous] if owners else [name]
+    wanted = [f"{block.name}.{a.name}" for block in owners for a in block.type.continuous] or [name]
     return [resolve(scene, scalar).address for scalar in scalar_names(scene, wanted)]
 
 
@@ -208,20 +186,16 @@ def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], m
         return options
     said = {address for name in options.uncertain for address in numbers_of(scene, name)}
     said |= {resolve(scene, name).address for name in [*free, *scalar_names(scene, options.ties)]}
-    # Fraction of one more than a point's largest coordinate by which Mitsuba 3, in float32, starts rays off a surface
-    # (`SurfaceInteraction::offset_p` and `math::RayEpsilon`).
-    epsilon, offsets = 1500 * 2**-24, dict[str, float]()
-    for ball in blocks_of(scene, "sphere"):
-        parameter = resolve(scene, f"{ball.name}.radius")
-        if parameter.address not in said:
-            far = 1 + np.max(np.abs(np.asarray(ball.read(scene, "center"), np.float64)))
-            offsets[f"{ball.name}.radius"] = float(f"{epsilon * (far + float(ball.read(scene, 'radius'))):.1e}")
+    offsets = dict[str, float]()
+    for name in [f"{ball.name}.radius" for ball in blocks_of(scene, "sphere")]:
+        radius = resolve(scene, name)
+        if radius.address not in said:
+            # Fraction of one more than a point's largest coordinate by which Mitsuba 3, in float32, starts rays off a
+            # surface (`SurfaceInteraction::offset_p` and `math::RayEpsilon`).
+            parts = (np.abs(np.asarray(radius.block.read(scene, one), np.float64)) for one in ("center", "radius"))
+            offsets[name] = float(f"{1500 * 2**-24 * (1 + sum(map(np.max, parts))):.1e}")
     if offsets:
         stated = listed(f"{name}={amount:g}" for name, amount in offsets.items())
-        warnings.warn(
-            f"the target is by {maker}, which starts rays a little off surfaces: taken to be uncertain are {stated}; "
-            "--uncertain states other amounts.",
-            PictureWarning,
-            stacklevel=2,
-        )
+        words = f"the target is by {maker}, which starts rays a little off surfaces: taken to be uncertain are {stated}"
+        warnings.warn(f"{words}; --uncertain states other amounts.", PictureWarning, stacklevel=2)
     return dataclasses.replace(options, uncertain={**options.uncertain, **offsets})
