@@ -23,22 +23,18 @@ from raytrace_jax.tracer.resolved_settings import resolve_settings
 STATISTICS = "inverse"
 VARIED: list[tuple[str, tuple[Any, ...]]] = [
     ("judge.structure:SQUARE", (2, 3, 6, 8)),
-    ("judge.structure:STRUCTURE_SHARE", (0.25, 0.35, 0.7, 1.0)),
     ("judge.structure:NEGLIGIBLE", (0.005, 0.01, 0.04, 0.08)),
-    ("judge.structure:NEGLIGIBLE_ELSEWHERE", (0.05, 0.1, 0.4, 0.8)),
-    ("judge.structure:FEWEST_SQUARES", (1, 4, 8)),
     ("judge.uncertainty:RANK_TOLERANCE", (1e-11, 1e-7)),
-    ("judge.uncertainty:RANK_ROUNDINGS", (1e1, 1e5)),
-    ("judge.uncertainty:PART", (1e-5, 1e-1)),
+    ("judge.uncertainty:NULL_COMPONENT", (1e-5, 1e-1)),
     ("judge.uncertainty:LEAST_CURVATURE", (0.01, 0.2)),
     ("judge.uncertainty:LARGEST_ERROR", (0.1, 0.25, 1.0)),
 ]
-"""Numbers of `inverse.observe.noise` and `inverse.judge.uncertainty` with values beside their own."""
+"""Numbers of `inverse.judge` with values beside their own."""
 
 SMALL: list[tuple[str, tuple[Any, ...]]] = [
     (address, values)
     for address, values in VARIED
-    if address.split(":")[1] in ("SQUARE", "NEGLIGIBLE_ELSEWHERE", "FEWEST_SQUARES", "RANK_TOLERANCE", "PART")
+    if address.split(":")[1] in ("SQUARE", "RANK_TOLERANCE", "NULL_COMPONENT")
 ]
 """The numbers of `VARIED` on which `small_endings` may hang."""
 
@@ -170,21 +166,6 @@ def rows(name: str, size: tuple[int, int], endings=endings, varied=VARIED) -> It
                 if np.isfinite(error[0]) and abs(error[0] / usual[word][1][0] - 1) > 0.01
             ]
             yield [name, f"`{address.split(':')[1]}`", f"{value:g}", "; ".join(words), "; ".join(bars)]
-
-
-NAMING_HEAD = ("scene", "free", "`SHARE_WORTH_NAMING`", "the weakest combination")
-
-
-def naming_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
-    """What is said of the combination of parameters that changes a picture least."""
-    case, bench = CASES[name], Bench(CASES[name], size, "point")
-    for more in ((), ("radius",), ("radius", "alpha")):
-        free = (*case.free, *(f"{case.ball}.{one}" for one in more))
-        solution = solve(case, size, Ending(free, bench.noisy(0), "converged")).solution
-        for value in (0.05, 0.005, 0.02, 0.1, 0.3):
-            with replaced({f"{STATISTICS}.judge.uncertainty:SHARE_WORTH_NAMING": value}):
-                words = quantify_uncertainty(solution, None).weakest
-            yield [name, " and ".join(("index, center", *more)), f"{value:g}", words.replace(f"{case.ball}.", "")]
 
 
 def small_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:

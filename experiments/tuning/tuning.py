@@ -2,7 +2,7 @@
 
 python experiments/tuning/tuning.py pictures [--scenes assignment "bubble in glass"]
 python experiments/tuning/tuning.py search box point judge [--count 4] [--size 48 36]
-python experiments/tuning/tuning.py limits naming curvature bounds corners [--count 3] [--rows 2]
+python experiments/tuning/tuning.py limits curvature bounds corners [--count 3] [--rows 2]
 """
 
 import argparse
@@ -43,7 +43,6 @@ PARTS = {
     "curvature": Part(robust.CURVATURE_HEAD, CASES, SMALL, lambda scene, size, _: robust.curvature_rows(scene, size)),
     "bounds": Part(robust.BOUNDS_HEAD, CASES, SMALL, lambda scene, size, _: robust.bounds_rows(scene, size)),
     "corners": Part(judging.HEAD, CASES, SMALL, lambda scene, size, _: judging.small_rows(scene, size)),
-    "naming": Part(judging.NAMING_HEAD, CASES, SMALL, lambda scene, size, _: judging.naming_rows(scene, size)),
     "judge": Part(judging.HEAD, CASES, SMALL, lambda scene, size, _: judging.rows(scene, size)),
 }
 """What can be measured."""

@@ -52,7 +52,7 @@ RUNS = {
         "pictures --scenes assignment --size 16 12 --rows 1",
         *(f"{part} {SMALL} --count 1 --rows 1" for part in ("search", "point")),
         "box --scenes assignment --size 16 12 --count 1 --rows 1",
-        f"limits naming curvature bounds {SMALL} --rows 1",
+        f"limits curvature bounds {SMALL} --rows 1",
         *(f"{part} {SMALL} --rows 1" for part in ("corners", "judge")),
     ],
 }

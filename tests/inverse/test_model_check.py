@@ -13,21 +13,24 @@ from scenes import assignment_scene
 from scipy import ndimage
 
 from raytrace_jax import RenderSettings
-from raytrace_jax.inverse.judge.assumptions import Cause
-from raytrace_jax.inverse.judge.model_check import (
+from raytrace_jax.inverse.judge.candidate_causes import (
     SIGNIFICANT,
-    beyond,
-    check_model,
+    CandidateCause,
+    Rows,
+    film_candidates,
     find_causes,
+    fitted,
 )
+from raytrace_jax.inverse.judge.changes import pixels_to_check
+from raytrace_jax.inverse.judge.model_check import beyond, check_model
 from raytrace_jax.inverse.judge.structure import pair_scores
-from raytrace_jax.inverse.judge.suspects import Rows, Suspects, fitted, suspected_changes
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.observe.noise import correlated_scatter, leverage_correction, leverages
 from raytrace_jax.inverse.observe.sampling import Sampling, sampled
+from raytrace_jax.scene.schema import Attribute, Quantity
 
 FREE = 2
-ANYWHERE = -np.inf, np.inf
+ANYWHERE = Attribute("x", quantity=Quantity())
 C = linear_names(3)[2]
 ROWS = COLUMNS[:FREE].reshape(FREE, -1).T
 
@@ -77,10 +80,10 @@ def test_a_change_that_no_pixel_shows_by_more_than_a_step_is_an_error_and_no_cau
     change, step = COLUMNS[2].reshape(1, -1), 1 / 255
     amount = steps * step / np.max(np.abs(change))
     residual = amount * change[0] + 0.2 * white().reshape(-1) * amount
-    rows = Rows(residual, residual, np.ones_like(residual), np.arange(residual.size) // 48)
-    suspects = Suspects((Cause(C, "", 1.0, "", 1.0, 0.0),), change, (), np.array([1e-6]), ((0.0, None),), (ANYWHERE,))
     limit = np.full(residual.shape, step)
-    causes, structure = find_causes(rows, ROWS.T, ROWS.T, suspects, np.ones(FREE), limit)
+    rows = Rows(residual, residual, np.ones_like(residual), np.arange(residual.size) // 48, limit)
+    candidates = [CandidateCause(C, 0.0, 0.0, ANYWHERE, change[0])]
+    causes, structure = find_causes(rows, ROWS.T, ROWS.T, candidates, np.ones(FREE))
     assert [cause.name for cause in causes] == [C] * is_named
     shift = np.linalg.lstsq(ROWS, amount * change[0], rcond=None)[0]
     np.testing.assert_allclose(structure, np.outer(shift, shift), rtol=0.02)
@@ -102,11 +105,19 @@ def of_two(changed, seed):
     noise = 0.2 * amount * (left if changed else 1) * random.normal(size=640)
     target = amount * changes[changed] + noise
     estimate = np.linalg.lstsq(free.T, target, rcond=None)[0]
-    rows = Rows(*[estimate @ free - target] * 2, np.ones(640), np.arange(640) // 16)
-    causes = tuple(Cause(name, "", 1.0, "", 1.0, 0.0) for name in ("apart", "alike"))
-    suspects = Suspects(causes, changes, (), np.full(2, 1e-6), ((1.0, None),) * 2, ((-0.1, 0.1),) * 2)
-    found, structure = find_causes(rows, free, free, suspects, np.ones(2), np.zeros(640))
+    rows = Rows(*[estimate @ free - target] * 2, np.ones(640), np.arange(640) // 16, np.zeros(640))
+    candidates = [
+        CandidateCause(name, 1.0, 1.0, ANYWHERE, change, linear=0.1)
+        for name, change in zip(("apart", "alike"), changes, strict=True)
+    ]
+    found, structure = find_causes(rows, free, free, candidates, np.ones(2))
     return [cause.name for cause in found], np.linalg.norm(estimate), np.sqrt(np.trace(structure))
+
+
+def film_changes(problem, light):
+    """What a unit of each of the film's numbers does to a picture all of whose pixels are sampled, by name."""
+    found = film_candidates(pixels_to_check(problem, problem.start(), POINT), light)
+    return {one.name: one.change for one in found}
 
 
 @pytest.mark.parametrize("changed", [0, 1])
@@ -124,8 +135,8 @@ def test_a_gamma_that_cannot_be_is_no_error():
     light = np.clip(picture(TRUTH), 0.05, None)
     pattern = 0.02 * ndimage.gaussian_filter(np.random.default_rng([0, 5]).normal(size=light.shape), (0, 2, 2)) / 0.14
     still = linear_problem(COLUMNS, light, free=FREE, start=TRUTH)
-    (gamma,) = [one for one in suspected_changes(still, still.start(), light) if one.name == "film.gamma"]
-    columns = np.stack([gamma.change - pattern, COLUMNS[1], light])
+    gamma = film_changes(still, light)["film.gamma"].reshape(light.shape)
+    columns = np.stack([gamma - pattern, COLUMNS[1], light])
     columns[2] -= TRUTH[0] * columns[0] + TRUTH[1] * columns[1]
     columns[2] /= TRUTH[2]
     target = light - 3 * pattern + 0.1 * white()
@@ -154,9 +165,9 @@ def test_what_a_camera_does_is_named():
     light = np.clip(picture(TRUTH), 0.05, None)
     columns = np.concatenate([COLUMNS[:FREE], (light - picture(TRUTH))[None] / TRUTH[2] + COLUMNS[2:]])
     still = linear_problem(columns, light, free=FREE, start=TRUTH)
-    changed = {change.name: change for change in suspected_changes(still, still.start(), light)}
+    changed = film_changes(still, light)
     for name, amount in (("film.gamma", 0.02), ("film.offset.g", 0.01), ("film.vignetting", -0.05)):
-        target = light + amount * changed[name].change + 0.2 * white()
+        target = light + amount * changed[name].reshape(light.shape) + 0.2 * white()
         problem = linear_problem(columns, target, free=FREE, start=TRUTH)
         found = check_model(state_at(problem), np.ones(FREE), {})
         assert found.causes[0].name == name
@@ -174,7 +185,7 @@ def test_effects_that_are_fitted_are_no_suspects(free, options, absent, present)
     """Of channels that are tied each may still be off on its own."""
     scene, light = assignment_scene(), np.random.default_rng(0).uniform(0.1, 1, (3, 12, 16))
     problem = posed_problem(scene, light, ["vitreous.ior", *free], RenderSettings(size=(16, 12)), **options)
-    names = {change.name for change in suspected_changes(problem, problem.start(), light)}
+    names = set(film_changes(problem, light))
     assert not names & absent and names >= present
 
 

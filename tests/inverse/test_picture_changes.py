@@ -13,14 +13,13 @@ from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, picture_derivatives, render, set_parameters
 from raytrace_jax.inverse.judge.changes import (
-    SIDE,
     SampledPicture,
     draw_sample,
     margin_at,
     number_changes,
     parameter_changes,
 )
-from raytrace_jax.inverse.problem.fixed import fixed_numbers
+from raytrace_jax.inverse.problem.fixed import fixed_numbers, number_size
 from raytrace_jax.inverse.solve.search import best_films
 
 SETTINGS = RenderSettings(size=(40, 30), max_bounces=2)
@@ -36,8 +35,15 @@ def problem_of(free, **options):
     return posed_problem(SCENE, target, free, SETTINGS, WEIGHTS, **options)
 
 
-def pixels_of(problem, edges):
-    return SampledPicture(problem, problem.start(), draw_sample(WEIGHTS > 0, WEIGHTS, 10_000), edges)
+SIDE = 4
+
+
+def sample_of(counts, weight=None, most=10_000):
+    return draw_sample(counts, np.ones(counts.shape) if weight is None else weight, most, SIDE, SIDE)
+
+
+def pixels_of(problem, edges, counts=WEIGHTS > 0):
+    return SampledPicture(problem, problem.start(), sample_of(counts), edges)
 
 
 def relative(found, wanted):
@@ -53,7 +59,7 @@ def test_differences_are_the_derivatives(edges, error):
     found = parameter_changes(pixels)
     linearization = problem.linearize(problem.start(), dataclasses.replace(POINT, edges=edges))
     wanted = np.asarray(linearization.pixel_jacobian) / problem.slopes(problem.start())[:, None, None, None]
-    for one, other in zip(found, pixels.sample.of(wanted), strict=True):
+    for one, other in zip(found, pixels.traced.of(wanted), strict=True):
         assert relative(one, other) < error
         if edges == "point":
             assert np.mean(np.abs(one - other) > 1e-5 * np.abs(other).max()) < 0.005
@@ -64,7 +70,7 @@ def test_a_fixed_number_changes_the_picture_as_it_would_if_it_were_free(edges):
     names = ["vitreous.radius", "topright.location.y", "cyan.diffuse.g", "cyan.alpha", "cam1.viewpoint.z"]
     problem = problem_of(["vitreous.ior"])
     numbers = fixed_numbers(problem)
-    found = dict(zip(numbers.names, number_changes(pixels_of(problem, edges), numbers), strict=True))
+    found = dict(zip(numbers, number_changes(pixels_of(problem, edges), numbers), strict=True))
     free = problem_of(names)
     wanted = parameter_changes(pixels_of(free, edges))
     # Of a colour points stand for edges.
@@ -74,13 +80,13 @@ def test_a_fixed_number_changes_the_picture_as_it_would_if_it_were_free(edges):
 
 def test_numbers_are_all_that_are_not_free_and_not_absent():
     problem = problem_of(["vitreous.ior", "central.center"], ties={"upperright.center": "central.center"})
-    names = fixed_numbers(problem).names
+    names = fixed_numbers(problem)
     assert "vitreous.radius" in names and "cam1.viewpoint.x" in names and "topright.emissivity.b" in names
     assert not any(name.startswith(("central.center", "upperright.center")) for name in names)
     assert "cyan.ior" not in names, "it is free by another name"
     assert "green.alpha" not in names, "it is 0"
-    assert "green.alpha" in fixed_numbers(problem, {"green.alpha"}).names
-    sizes = dict(zip(names, fixed_numbers(problem).size, strict=True))
+    assert "green.alpha" in fixed_numbers(problem, {"green.alpha"})
+    sizes = {name: number_size(SCENE, parameter.address) for name, parameter in names.items()}
     assert sizes["vitreous.radius"] == pytest.approx(2.3)
     assert sizes["topright.location.x"] == sizes["topright.location.z"] == pytest.approx(np.linalg.norm([6, 4, 1]))
 
@@ -90,10 +96,8 @@ def test_a_number_at_its_limit_moves_inward():
     scene = set_parameters(SCENE, {"vitreous.alpha": 1.0})
     problem = posed_problem(scene, np.asarray(render(SCENE, SETTINGS).image), ["vitreous.ior"], SETTINGS)
     numbers = fixed_numbers(problem)
-    (place,) = [k for k, name in enumerate(numbers.names) if name == "cyan.alpha"]
-    pixels = SampledPicture(
-        problem, problem.start(), draw_sample(np.ones((30, 40), bool), np.ones((30, 40)), 10_000), "point"
-    )
+    (place,) = [k for k, name in enumerate(numbers) if name == "cyan.alpha"]
+    pixels = pixels_of(problem, "point", np.ones((30, 40), bool))
     found = number_changes(pixels, numbers)[place].reshape(3, 30, 40)
     wanted = picture_derivatives(scene, ["vitreous.alpha"], SETTINGS).values[0]
     wanted = np.asarray(wanted)
@@ -110,19 +114,17 @@ def test_changes_are_those_after_the_film(free):
     problem = posed_problem(scene, target, ["vitreous.ior", "vitreous.radius", *free], SETTINGS, WEIGHTS)
     margin = margin_at(problem, problem.start())
     assert margin == (3 if "film.blur" in free else 0)
-    pixels = SampledPicture(
-        problem, problem.start(), draw_sample(np.ones((30, 40), bool), np.ones((30, 40)), 10_000), "point"
-    )
-    assert len(pixels.judged.row) < len(pixels.sample.row) and np.all(pixels.judged.of(WEIGHTS) > 0)
+    pixels = pixels_of(problem, "point", np.ones((30, 40), bool))
+    assert len(pixels.sampled.row) < len(pixels.traced.row) and np.all(pixels.sampled.of(WEIGHTS) > 0)
     found = parameter_changes(pixels)
     linearization = problem.linearize(problem.start(), POINT)
     wanted = np.asarray(linearization.pixel_jacobian) / problem.slopes(problem.start())[:, None, None, None]
-    for name, one, other in zip(problem.unknowns.names, found, pixels.judged.of(wanted), strict=True):
+    for name, one, other in zip(problem.unknowns.names, found, pixels.sampled.of(wanted), strict=True):
         assert relative(one, other) < (0.1 if name.startswith("vitreous") else 1e-9), name
     # A fixed number changes the developed picture as it would if it were free.
     numbers = fixed_numbers(problem)
-    assert not any(name.startswith("film") for name in numbers.names)
-    place = numbers.names.index("topright.location.y")
+    assert not any(name.startswith("film") for name in numbers)
+    place = list(numbers).index("topright.location.y")
     by_number = number_changes(pixels, numbers)[place]
     other = posed_problem(scene, target, ["topright.location.y", *free], SETTINGS, WEIGHTS)
     assert relative(by_number, parameter_changes(dataclasses.replace(pixels, problem=other, y=other.start()))[0]) < 1e-3
@@ -150,11 +152,11 @@ def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
 
 def test_of_a_small_picture_all_pixels_that_count_are_looked_at():
     counts = np.arange(7 * 9).reshape(7, 9) % 3 > 0
-    sample = draw_sample(counts, np.ones((7, 9)), 1000)
+    sample = sample_of(counts)
     seen = np.zeros((7, 9), int)
     np.add.at(seen, (sample.row, sample.column), 1)
     np.testing.assert_array_equal(seen, counts)
-    assert np.all(sample.chance == 1)
+    assert np.all(sample.probability == 1)
     np.testing.assert_array_equal(sample.square, sample.row // SIDE * 3 + sample.column // SIDE)
     np.testing.assert_array_equal(sample.of(np.arange(63).reshape(7, 9)), np.flatnonzero(counts))
 
@@ -164,15 +166,15 @@ def test_about_as_many_are_chosen_as_are_wanted_and_sums_are_about_right(seed, m
     random = np.random.default_rng(seed)
     weight = random.uniform(0.2, 1, size=(80, 100))
     weight[30:34] *= 30
-    sample = draw_sample(np.ones((80, 100), bool), weight, most)
+    sample = sample_of(np.ones((80, 100), bool), weight, most)
     assert abs(len(sample.row) - most) <= 2 * SIDE**2 + 0.05 * most
-    assert np.all((sample.chance > 0) & (sample.chance <= 1))
-    assert abs(np.sum(sample.of(weight) / sample.chance) / weight.sum() - 1) < 0.35
+    assert np.all((sample.probability > 0) & (sample.probability <= 1))
+    assert abs(np.sum(sample.of(weight) / sample.probability) / weight.sum() - 1) < 0.35
 
 
 def test_what_decides_is_looked_at_for_certain():
     weight = np.full((40, 40), 1e-6)
     weight[8:12, 8:12] = 1
-    sample = draw_sample(np.ones((40, 40), bool), weight, 300)
+    sample = sample_of(np.ones((40, 40), bool), weight, 300)
     inside = (sample.row // SIDE == 2) & (sample.column // SIDE == 2)
-    assert inside.sum() == SIDE**2 and np.all(sample.chance[inside] == 1)
+    assert inside.sum() == SIDE**2 and np.all(sample.probability[inside] == 1)

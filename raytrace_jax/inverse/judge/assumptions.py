@@ -1,4 +1,4 @@
-"""The numbers that an answer takes for granted, causes of its residual, and the errors that follow from both."""
+"""Sensitivity to fixed parameters, and candidate explanations of the residual."""
 
 import dataclasses
 import math
@@ -11,17 +11,6 @@ from jaxtyping import Float
 from raytrace_jax.inverse.judge.structure import PairScores
 from raytrace_jax.util.digits import with_error
 from raytrace_jax.util.text import listed
-
-FAR_SIGNIFICANT = 3.0
-"""Score above which correlation of distant pixels is structure, not noise. Noise alone reached 2.2 at most in the draws
-for `model_check.SIGNIFICANT`."""
-
-BEYOND_CHANCE = 3.0
-"""How many times as far as chance moves an estimate from what was stated is a contradiction."""
-
-LEAST_CHANCE = 0.1
-"""Chance moves an estimate from what was stated by this share of its standard deviation at least: a picture that says
-next to nothing does not contradict, and a solver rests somewhere near."""
 
 WHAT_IF = 1e-3
 """Fraction of its size by which a number is taken to be off, in the sentence on what the answer rests on."""
@@ -50,8 +39,7 @@ class Contradiction(NamedTuple):
     Args:
         found: the estimate and its standard deviation.
         stated: mean and standard deviation before.
-        deviations: how far they are apart, in standard deviations of their difference. That is less than the one of
-            what was stated, on which the estimate rests as well.
+        deviations: how far they are apart, in standard deviations of their difference.
     """
 
     name: str
@@ -60,35 +48,30 @@ class Contradiction(NamedTuple):
     deviations: float
 
     @classmethod
-    def of(
-        cls, name: str, found: tuple[float, float], stated: tuple[float, float], excess: float = 0.0
-    ) -> "Contradiction":
+    def of(cls, name: str, found: tuple[float, float], stated: tuple[float, float], excess: float = 0.0):
         """Compare an estimate with what was stated.
 
         Of least squares the difference has the variance before less that after: what was stated pulls the estimate the
-        less, the more the picture says.
+        less, the more the picture says. It is at least a tenth of the standard deviation before: a picture that says
+        next to nothing does not contradict, and a solver rests somewhere near.
 
         Args:
             excess: variance of the difference beyond this.
         """
-        apart = abs(found[0] - stated[0])
-        variance = max(stated[1] ** 2 - found[1] ** 2 + excess, (LEAST_CHANCE * stated[1]) ** 2)
-        return cls(name, found, stated, apart / math.sqrt(variance))
+        variance = max(stated[1] ** 2 - found[1] ** 2 + excess, (0.1 * stated[1]) ** 2)
+        return cls(name, found, stated, abs(found[0] - stated[0]) / math.sqrt(variance))
 
     @property
     def words(self) -> str:
         """`ball.radius: 2.0312(4), stated 2+-0.005 (6.2 times as far as by chance)`."""
-        mean, spread = self.stated
-        far = short_count(self.deviations)
-        return (
-            f"{self.name}: {with_error(*self.found)}, stated {mean:.8g}+-{spread:.2g} ({far} times as far as by chance)"
-        )
+        stated = "{:.8g}+-{:.2g}".format(*self.stated)
+        far = f"{short_count(self.deviations)} times as far as by chance"
+        return f"{self.name}: {with_error(*self.found)}, stated {stated} ({far})"
 
 
 def contradicted(compared: Iterable[Contradiction]) -> tuple[Contradiction, ...]:
-    """Those that are beyond chance, the farthest first."""
-    beyond = [one for one in compared if one.deviations > BEYOND_CHANCE]
-    return tuple(sorted(beyond, key=lambda one: -one.deviations))
+    """Those of more than 3 standard deviations, the farthest first."""
+    return tuple(sorted((one for one in compared if one.deviations > 3.0), key=lambda one: -one.deviations))
 
 
 class Dependence(NamedTuple):
@@ -111,11 +94,11 @@ class Dependence(NamedTuple):
     def words(self) -> str:
         """`ball.ior depends most on ball.radius: were that 0.0023 larger, ball.ior would be 0.0015 larger (...)`."""
         # Other units are the scene's own, and not worth saying.
-        unit = f" {self.unit}s" if self.unit in ("degree", "pixel") else ""
-        larger = "larger" if self.shift > 0 else "smaller"
+        change = f"{self.change:.2g}" + (f" {self.unit}s" if self.unit in ("degree", "pixel") else "")
+        shift = f"{abs(self.shift):.2g} {'larger' if self.shift > 0 else 'smaller'}"
         return (
-            f"{self.estimate} depends most on {self.on}: were that {self.change:.2g}{unit} larger, {self.estimate} "
-            f"would be {abs(self.shift):.2g} {larger} ({short_count(self.errors)} total errors)"
+            f"{self.estimate} depends most on {self.on}: were that {change} larger, {self.estimate} would be {shift} "
+            f"({short_count(self.errors)} total errors)"
         )
 
 
@@ -140,8 +123,7 @@ class Cause(NamedTuple):
     @property
     def words(self) -> str:
         """`vitreous.radius +0.2 %`."""
-        space = " " if self.unit else ""
-        return f"{self.name} {self.amount / self.per_unit:+.2g}{space}{self.unit}"
+        return f"{self.name} {self.amount / self.per_unit:+.2g} {self.unit}".rstrip()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,10 +131,10 @@ class ModelCheck:
     """The findings of a check of the model.
 
     Args:
-        assumptions: what was taken for granted, the most consequential first.
-        causes: what the residual looks like, the best explanation first.
+        assumptions: the most consequential first.
+        causes: the best explanation first.
         stated, structure: covariance of the estimate from numbers that are stated to be uncertain, and from what the
-            residual shows; in the parameters' units.
+            residual shows.
         far_matters: whether correlation of distant pixels, if there is any, speaks against the model: it moves an
             estimate by more than its standard error, or is more than single samples at edges make.
     """
@@ -167,49 +149,41 @@ class ModelCheck:
     @classmethod
     def nothing(cls, count: int) -> "ModelCheck":
         """The check of a fit of so many parameters whose model was not looked at."""
-        zero = np.zeros((count, count))
-        return cls((), (), PairScores(0.0, 0.0), zero, zero)
+        return cls((), (), PairScores(0.0, 0.0), np.zeros((count, count)), np.zeros((count, count)))
 
     @property
     def covariance(self) -> Float[np.ndarray, "parameters parameters"]:
-        """Covariance of the estimate from stated uncertainties and from structure."""
         return self.stated + self.structure
 
     @property
     def is_structured(self) -> bool:
         """Whether the residual is more than noise."""
-        return bool(self.causes) or (self.pairs.far > FAR_SIGNIFICANT and self.far_matters)
+        return bool(self.causes) or (self.pairs.is_far and self.far_matters)
 
 
 def looks_like(causes: tuple[Cause, ...]) -> str:
-    """The causes of a residual, as a sentence of its own without its end."""
+    """The causes of a residual, as a sentence without its end."""
     return f". The residual looks like {listed(cause.words for cause in causes)}" if causes else ""
 
 
 def dependences(
     assumptions: Sequence[Assumption], names: Sequence[str], total_error: np.ndarray
 ) -> tuple[Dependence, ...]:
-    """For each estimate the number on which it depends most, of those whose uncertainty was not stated.
-
-    An estimate that has no error, or depends on nothing, is left out.
-    """
-    exact = [one for one in assumptions if not one.uncertainty and one.size]
-    found = []
-    for k, name in enumerate(names):
-        if not exact or not (np.isfinite(total_error[k]) and total_error[k] > 0):
-            continue
-        most = max(exact, key=lambda one, k=k: abs(float(one.sensitivity[k])) * one.size)
-        change = WHAT_IF * most.size
-        shift = float(most.sensitivity[k]) * change
-        if np.isfinite(shift) and shift:
-            found.append(Dependence(name, most.name, change, most.unit, shift, abs(shift) / float(total_error[k])))
+    """For each estimate with an error the number on which it depends most, of those without a stated uncertainty."""
+    found, exact = [], [one for one in assumptions if not one.uncertainty and one.size]
+    for k, (name, error) in enumerate(zip(names, map(float, total_error), strict=True)):
+        if exact and 0 < error < math.inf:
+            most = max(exact, key=lambda one, k=k: abs(float(one.sensitivity[k])) * one.size)
+            change = WHAT_IF * most.size
+            shift = float(most.sensitivity[k]) * change
+            if math.isfinite(shift) and shift:
+                found.append(Dependence(name, most.name, change, most.unit, shift, abs(shift) / error))
     return tuple(found)
 
 
 def short_count(number: float) -> str:
     """Two digits of a number of errors, as people write it."""
-    # A picture without noise has nearly no error, and anything is very many of them.
-    rounded, most = float(f"{number:.1e}"), 100_000
-    if rounded >= most:
-        return f"more than {most:,}"
+    rounded = float(f"{number:.1e}")
+    if rounded >= 100_000:  # A picture without noise has nearly no error, and anything is very many of them.
+        return "more than 100,000"
     return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:.2g}"

@@ -8,32 +8,22 @@ from scipy import ndimage
 
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.problem.unknowns import Covariance, Image, Mask, PixelJacobian
-from raytrace_jax.util.numerics import TINY
+from raytrace_jax.util.numerics import TINY, solve_normal
 
 SQUARE = 4
 """Side in pixels of the squares over which noise averages out and structure stays. With 2 noise passes for structure,
 with 6 to 8 structure for noise at times (experiments/tuning)."""
 
-STRUCTURE_SHARE = 0.5
-"""Square means above this fraction of the residual's root mean square are structure; of white noise they are a fourth.
-From 0.35 down noise passes for structure at times, from 0.7 up structure for noise (experiments/tuning)."""
-
 NEGLIGIBLE = 0.02
-"""Structure below this fraction of the target's contrast is that of a good model: two programs sample in two ways.
-0.01 takes smooth noise for structure, 0.04 lets a floor of another colour pass (experiments/tuning)."""
+"""Structure below this fraction of the target's contrast is tolerated: two renderers that sample differently leave that
+much. 0.01 takes smooth noise for structure, 0.04 lets a floor of another colour pass (experiments/tuning)."""
 
-NEGLIGIBLE_ELSEWHERE = 0.2
-"""Structure over all pixels below this fraction is negligible; those that no free parameter moves bias no estimate.
-0.4 lets a white corner of a twelfth of the sides pass (experiments/tuning)."""
-
-FEWEST_SQUARES = 2
-"""The fewest square means from which structure can be told; 2 to 8 do the same."""
+EVIDENCE = 3.0
+"""Standard errors by which the winner must be better than another minimum."""
 
 
-def square_sums(
-    image: Float[np.ndarray, "channels height width"], side: int
-) -> Float[np.ndarray, "channels rows columns"]:
-    """Sums over squares of so many pixels a side; squares at the right and lower border may be cut."""
+def square_sums(image: Float[np.ndarray, "channels height width"], side: int):
+    """Sums over squares of so many pixels a side, "channels rows columns"; at the right and lower border cut ones."""
     channels, height, width = image.shape
     padded = np.pad(image, ((0, 0), (0, -height % side), (0, -width % side)))
     return padded.reshape(channels, padded.shape[1] // side, side, -1, side).sum((2, 4))
@@ -45,42 +35,45 @@ def is_explained(residual: Image, target: Image, counts: Mask, matters: Mask) ->
     The means of small squares are those of noise, or negligible: over the pixels that depend on a free parameter, which
     are those that matter, and over all that count.
     """
-    for where, negligible in ((matters & counts, NEGLIGIBLE), (counts, NEGLIGIBLE_ELSEWHERE)):
-        means, contrast = square_means(residual, where), square_means(target, where)
-        if means.shape[1] < FEWEST_SQUARES:
-            continue
-        structure = float(np.sqrt(np.mean(means**2)))
-        scatter = float(np.sqrt(np.mean(residual[:, where] ** 2)))
-        if structure > max(STRUCTURE_SHARE * scatter, negligible * float(np.mean(contrast.std(axis=1)))):
+    # Of white noise square means are a fourth of the residual's root mean square. From 0.35 of it down noise passes for
+    # structure at times, from 0.7 up structure for noise. Elsewhere no free parameter moves a pixel and no estimate is
+    # biased: 0.2 of the contrast is tolerated, 0.4 lets a white corner of a twelfth of the sides pass
+    # (experiments/tuning).
+    for where, negligible in ((matters & counts, NEGLIGIBLE), (counts, 0.2)):
+        structure, contrast = structure_and_contrast(residual, target, where)
+        if structure > negligible * contrast and structure > 0.5 * np.sqrt(np.mean(residual[:, where] ** 2)):
             return False
     return True
 
 
 def is_near(residual: Image, target: Image, counts: Mask) -> bool:
     """Whether a picture is so near the target that what is left can be compared with small changes of the model."""
-    means, contrast = square_means(residual, counts), square_means(target, counts)
     # Structure above a fifth of the target's contrast is that of another scene, or of a minimum that is not the answer.
-    return means.shape[1] < FEWEST_SQUARES or bool(np.sqrt(np.mean(means**2)) < 0.2 * np.mean(contrast.std(axis=1)))
+    structure, contrast = structure_and_contrast(residual, target, counts)
+    return structure < 0.2 * contrast
 
 
 def explains(state: FitState) -> bool:
     """Whether the picture there explains the target; a picture that is not finite does not."""
-    if not state.linearization.is_finite:
-        return False
-    return is_explained(
-        state.residual, state.weighted_target, state.observation.counts, np.asarray(state.linearization.matters)
+    matters = np.asarray(state.linearization.matters)
+    return state.linearization.is_finite and is_explained(
+        state.residual, state.weighted_target, state.observation.counts, matters
     )
 
 
-def square_means(image, where: Mask) -> Float[np.ndarray, "3 squares"]:
-    """Mean over the pixels of a region in each square that lies well within it."""
+def structure_and_contrast(residual: Image, target: Image, where: Mask) -> tuple[float, float]:
+    """Root mean square of a residual's means over small squares within a region, and the contrast of the target's.
+
+    Of less than two squares structure cannot be told: it is 0, and the contrast has no end.
+    """
     counts = square_sums(where.astype(float)[None], SQUARE)[0]
-    full = counts >= 0.5 * SQUARE**2  # With whole squares only wrong models pass.
-    return square_sums(np.where(where, image, 0), SQUARE)[:, full] / counts[full]
-
-
-EVIDENCE = 3.0
-"""Standard errors by which the winner must be better than another minimum."""
+    full = counts >= 0.5 * SQUARE**2  # Requiring full squares would drop the rim, where wrong models show.
+    if np.sum(full) < 2:
+        return 0.0, np.inf
+    means, colours = (
+        square_sums(np.where(where, one, 0), SQUARE)[:, full] / counts[full] for one in (residual, target)
+    )
+    return float(np.sqrt(np.mean(means**2))), float(np.mean(colours.std(axis=1)))
 
 
 def vuong_evidence(better: Image, other: Image) -> float:
@@ -100,27 +93,30 @@ class PairScores(NamedTuple):
     """Standard scores of the products of residuals of two pixels: independent ones have 0, with a spread of 1.
 
     Args:
-        near: score of pixels so near that noise may go together.
-        far: score of others in one square, of four times that.
+        near, far: of pixels so near that noise may go together; of others in one square, of four times that.
     """
 
     near: float
     far: float
 
+    @property
+    def is_far(self) -> bool:
+        """Whether correlation of distant pixels is more than chance makes: 2.2 at most of noise alone in 840 draws."""
+        return self.far > 3.0
+
 
 def pair_scores(residual: Image, near: int = 4) -> PairScores:
     """Compare pairs of pixels of one channel within squares of `4 near` pixels a side.
 
-    Whatever the noise's distribution and however unequal, products of independent residuals have the mean 0. Their sum
-    over all pairs is measured by its scatter from square to square.
+    Whatever the noise's distribution and however unequal, products of independent residuals have the mean 0, as of
+    Moran's statistic (Moran 1950). Their sum over all pairs is measured by its scatter from square to square.
 
     Args:
         near: pixels over which noise may go together: 4 of a sensor's mosaic or a resampled picture, more of a
             compressed one.
     """
     # Squares are larger than that, and there are many in a picture.
-    side = 4 * near
-    _, height, width = residual.shape
+    side, (_, height, width) = 4 * near, residual.shape
     padded = np.pad(residual, ((0, 0), (0, -height % side), (0, -width % side)))
     squares = padded.reshape(3, padded.shape[1] // side, side, -1, side).transpose(1, 3, 0, 2, 4)
     squares = squares.reshape(-1, 3, side, side)
@@ -131,12 +127,8 @@ def pair_scores(residual: Image, near: int = 4) -> PairScores:
     all_pairs = np.sum(squares, axis=(2, 3)) ** 2
     near_pairs = np.sum(squares * around, axis=(2, 3))
     own = np.sum(squares**2, axis=(2, 3))
-    return PairScores(_score((near_pairs - own).sum(axis=1)), _score((all_pairs - near_pairs).sum(axis=1)))
-
-
-def _score(sums: Float[np.ndarray, " squares"]) -> float:
-    scatter = float(np.linalg.norm(sums))
-    return float(np.sum(sums)) / scatter if scatter > 0 else 0.0
+    sums = [products.sum(axis=1) for products in (near_pairs - own, all_pairs - near_pairs)]
+    return PairScores(*(float(np.sum(one) / max(np.linalg.norm(one), TINY)) for one in sums))
 
 
 def block_scatter(jacobian: PixelJacobian, weight: Image, residual: Image) -> Covariance:
@@ -148,17 +140,13 @@ def block_scatter(jacobian: PixelJacobian, weight: Image, residual: Image) -> Co
     count = len(jacobian)
     flat = jacobian.reshape(count, -1)
     normal = (flat * weight.reshape(-1)) @ flat.T
-    length = np.sqrt(np.maximum(np.diagonal(normal), TINY))
-    inverse = np.linalg.pinv(normal / np.outer(length, length), rcond=1e-12, hermitian=True)
-    pulls = np.sum(jacobian * (weight * residual), axis=1) / length[:, None, None]
-
-    # The pulls sum up to nothing at the optimum: fewer than 30 blocks show too little of their scatter.
-    largest, most = np.zeros((count, count)), -1.0
+    length, pulls = np.sqrt(np.maximum(np.diagonal(normal), 0)), np.sum(jacobian * (weight * residual), axis=1)
+    moved = []
     for side in (16, 32, 64):
         by_block = square_sums(pulls, side).reshape(count, -1)
-        if side > 16 and np.count_nonzero(by_block.any(axis=0)) < 30:
+        # The pulls sum up to nothing at the optimum: fewer than 30 blocks show too little of their scatter.
+        if moved and np.count_nonzero(by_block.any(axis=0)) < 30:
             break
-        found = inverse @ (by_block @ by_block.T) @ inverse
-        if np.trace(found) > most:
-            largest, most = found, float(np.trace(found))
-    return largest / np.outer(length, length)
+        moved.append(solve_normal(normal, by_block))
+    largest = max(moved, key=lambda one: np.linalg.norm(length[:, None] * one))
+    return largest @ largest.T

@@ -1,4 +1,4 @@
-"""The uncertainty of an estimate: covariance, the bound that no estimate beats, and parameters left open."""
+"""The uncertainty of an estimate: covariance, the bound that no estimate beats, and undetermined parameters."""
 
 import contextlib
 import dataclasses
@@ -14,12 +14,8 @@ from raytrace_jax.util.numerics import MAD_TO_SIGMA, TINY
 RANK_TOLERANCE = 1e-9
 """A direction along which the picture changes this much less than along the strongest one is not determined."""
 
-RANK_ROUNDINGS = 1e3
-"""`RANK_TOLERANCE` is at least this many roundings of the dtype, the digits of sums over a hundred thousand pixels. It
-rules in float32."""
-
-PART = 1e-3
-"""A parameter with this fraction of a direction that is not determined is not determined itself."""
+NULL_COMPONENT = 1e-3
+"""A parameter whose component along a null direction exceeds this is reported as undetermined."""
 
 LEAST_CURVATURE = 0.05
 """The loss must curve up by this fraction of least squares' curvature in every direction: a Cauchy loss of Gaussian
@@ -27,12 +23,8 @@ noise has 0.7, and what is near 0 or below sees outliers only. 0.2 and 0.5 make 
 as large where two fifths are outliers or the model is wrong (experiments/tuning)."""
 
 LARGEST_ERROR = 0.5
-"""An error beyond this fraction of a parameter's natural scale leaves it open. With 1 a ball of a five-hundredth of
-transparency passes for determined (experiments/tuning)."""
-
-SHARE_WORTH_NAMING = 0.05
-"""Parameters with less than this fraction of the weakest combination, which change its length by a thousandth, are not
-named in it."""
+"""An error beyond this fraction of a parameter's natural scale leaves it undetermined. With 1 a ball of a
+five-hundredth of transparency passes for determined (experiments/tuning)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,8 +33,7 @@ class Uncertainty:
 
     Args:
         standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
-            determine it, NaN where the fit was stopped before, or where sums of squares are beyond the dtype's largest
-            number.
+            determine it, NaN where the fit was stopped before, or sums of squares are beyond the dtype.
         cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
         sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
         resolution: the part of `standard_error` that is the step which the solver did not take, and by which places lie
@@ -52,7 +43,7 @@ class Uncertainty:
             where `sigma` was not given.
         condition_number: that of the Jacobian with columns scaled to length one; infinity if it is singular.
         weakest: the combination of parameters that the picture determines least, in words.
-        undetermined: the parameters that the picture leaves open.
+        undetermined: the parameters that the picture does not determine.
     """
 
     standard_error: Values
@@ -68,32 +59,19 @@ class Uncertainty:
 
     @property
     def correlation(self) -> Covariance:
-        """The correlation matrix of the estimate."""
         return correlation_of(self.covariance)
 
     @classmethod
     def unknown(cls, count: int, sigma: float | None) -> "Uncertainty":
         """The uncertainty of so many parameters of which nothing is known."""
-        nothing = np.full((count, count), np.nan)
-        return cls(
-            standard_error=nothing[0],
-            covariance=nothing,
-            cramer_rao=nothing[0],
-            sigma=np.nan if sigma is None else sigma,
-            resolution=np.zeros(count),
-            sigma_given=sigma is not None,
-            reduced_chi_square=np.nan,
-            condition_number=np.nan,
-            weakest="",
-            undetermined=(),
-        )
+        nan, used = np.full((count, count), np.nan), np.nan if sigma is None else sigma
+        return cls(nan[0], nan, nan[0], used, np.zeros(count), sigma is not None, np.nan, np.nan, "", ())
 
 
 def noise_level(state: FitState) -> float:
-    """Standard deviation of the noise, from the residuals where the picture depends on a free parameter.
+    """Standard deviation of the noise, from residuals where the picture depends on a free parameter.
 
-    Elsewhere a backdrop may fit exactly and would make it too small. With a robust loss it is taken from the median,
-    with least squares from the mean square.
+    Elsewhere a backdrop may fit exactly. A robust loss takes it from the median, least squares from the mean square.
     """
     linearization = state.linearization
     if state.stage.loss != "l2":
@@ -112,9 +90,8 @@ def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
     missing noise is added: no error is below the bound. H and M are taken in the directions in which the Jacobian's
     triangle R is the identity, since an inverse of `J^T J` would square the condition number.
 
-    The covariance of unknowns that a stage or the solver does not tell apart although the derivative does is added to
-    the estimate's. Where sums of squares are beyond the dtype nothing is known, and
-    the errors are NaN.
+    The covariance of unknowns that a stage or the solver does not tell apart although the derivative does is added.
+    Where sums of squares are beyond the dtype nothing is known, and the errors are NaN.
     """
     sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
     if all(np.isfinite(np.asarray(getattr(state.linearization, name))).all() for name in sums):
@@ -146,9 +123,10 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     length = np.where(lengths > 0, lengths, 1)
     _, strengths, directions = np.linalg.svd(triangle / length, full_matrices=False)
     rounding = float(np.finfo(problem.observation.target.dtype).eps)
-    tolerance = max(RANK_TOLERANCE, RANK_ROUNDINGS * rounding)
+    # At least a thousand roundings, the digits of sums over a hundred thousand pixels; they rule in float32.
+    tolerance = max(RANK_TOLERANCE, 1e3 * rounding)
     strong = strengths > tolerance * max(strengths[0], TINY)
-    open_ = (lengths == 0) | np.any(np.abs(directions[~strong]) > PART, axis=0)
+    undetermined = (lengths == 0) | np.any(np.abs(directions[~strong]) > NULL_COMPONENT, axis=0)
     whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
 
     # H, in the directions in which R is the identity. Where it curves down there are outliers only, and R's is taken.
@@ -186,11 +164,11 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     least = inverse_root(by_value(linearization.information) + np.diag((used * prior_row) ** 2), tolerance**2)
     # A picture that fits exactly has no noise: infinity must not be multiplied by 0.
     bound = np.where(np.isfinite(least), used * np.where(np.isfinite(least), least, 0), np.inf)
-    open_ |= spread > LARGEST_ERROR
+    undetermined |= spread > LARGEST_ERROR
     freedom = problem.observation.count - len(names)
     chi_square = float((state.residual**2).sum()) / max(freedom, 1)
     return Uncertainty(
-        standard_error=np.where(open_ & (spread <= LARGEST_ERROR), np.inf, spread * scale),
+        standard_error=np.where(undetermined & (spread <= LARGEST_ERROR), np.inf, spread * scale),
         covariance=covariance * np.outer(scale, scale),
         cramer_rao=bound * scale,
         sigma=used,
@@ -199,7 +177,7 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
         reduced_chi_square=float("nan") if sigma is None else chi_square / sigma**2,
         condition_number=float(strengths[0] / strengths[-1]) if strengths[-1] > 0 else float("inf"),
         weakest=direction_in_words(triangle, scale, names),
-        undetermined=tuple(name for name, is_open in zip(names, open_, strict=True) if is_open),
+        undetermined=tuple(names[k] for k in np.flatnonzero(undetermined)),
     )
 
 
@@ -214,14 +192,13 @@ def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np
 
 
 def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:
-    """Square roots of the diagonal of a symmetric matrix's inverse; infinity where it has none."""
-    # As in `_quantify`: columns of length one, and a number with a part in what is not determined is not either.
+    """Square roots of the diagonal of a symmetric matrix's inverse; infinity where it has none, as in `_quantify`."""
     lengths = np.sqrt(np.maximum(np.diagonal(information), 0))
     length = np.where(lengths > 0, lengths, 1)
     strengths, directions = np.linalg.eigh(information / np.outer(length, length))
     strong = strengths > max(tolerance, 1e-15) * max(strengths[-1], TINY)  # A few roundings of float64.
     roots = np.sqrt(np.sum(directions[:, strong] ** 2 / strengths[strong], axis=1)) / length
-    return np.where((lengths == 0) | np.any(np.abs(directions[:, ~strong]) > PART, axis=1), np.inf, roots)
+    return np.where((lengths == 0) | np.any(np.abs(directions[:, ~strong]) > NULL_COMPONENT, axis=1), np.inf, roots)
 
 
 def direction_in_words(triangle: np.ndarray, scale: np.ndarray, names: tuple[str, ...]) -> str:
@@ -231,7 +208,8 @@ def direction_in_words(triangle: np.ndarray, scale: np.ndarray, names: tuple[str
     units.
     """
     weakest = np.linalg.svd(triangle)[2][-1]
-    order = [k for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > SHARE_WORTH_NAMING * np.max(np.abs(weakest))]
+    # What has less than a twentieth changes the combination's length by a thousandth, and is not named.
+    order = [k for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > 0.05 * np.max(np.abs(weakest))]
     change = weakest * scale
     change = change / change[order[0]]
     return ", ".join(f"{names[k]} {change[k]:+.3g}" for k in order)

@@ -68,7 +68,7 @@ def leverages(rows: Float[np.ndarray, "parameters channels pixels"]) -> Float[np
 
 
 def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Mask) -> Covariance:
-    """The part of correlated neighbours in the covariance of `sum(jacobian * score)`.
+    """The part of correlated neighbours in the covariance of `sum(jacobian * score)` (after Conley 1999).
 
     The scores' covariance by distance and channels is pooled over the picture. That is a few numbers, known well; sums
     over squares of pixels are few, and lose what crosses their borders.

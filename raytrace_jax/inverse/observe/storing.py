@@ -64,7 +64,8 @@ def rounding_scatter(jacobian: PixelJacobian, weight: Image, picture: Image, tar
     A stored number is off by up to half a step, and by the same wherever the colour is the same: over whole squares of
     a board. So the target is stored again with its steps shifted by parts of one, and the covariance of the pulls is
     that over the shifts, less what they would have if each pixel were rounded on its own. Noise beside the rounding
-    makes its errors independent: normal noise of `s` steps leaves `exp(-(2 pi s)^2)` of their correlation.
+    makes its errors independent: normal noise of `s` steps leaves `exp(-(2 pi s)^2)` of their correlation (Widrow and
+    Kollar 2008, Quantization Noise).
 
     Args:
         weight: weight of each residual under the loss, and in the residual itself.

@@ -4,10 +4,9 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Container, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from raytrace_jax.errors import ParameterError, PictureWarning
 from raytrace_jax.inverse.options import FitOptions
@@ -19,50 +18,27 @@ from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.util.text import listed, parse_number, quoted
 
 
-class FixedNumbers(NamedTuple):
-    """Single numbers of a scene that are neither free nor tied to a free one.
-
-    Args:
-        size: how large each is: a single number's magnitude; for a vector's component the vector's length.
-    """
-
-    names: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
-    value: Float[np.ndarray, " fixed"]
-    size: Float[np.ndarray, " fixed"]
-
-    def followed_by(self, names: Sequence[str], values: Sequence[float]) -> "FixedNumbers":
-        """These numbers, and others that are not traced: without a parameter, as large as their magnitude."""
-        value, size = np.concatenate([self.value, values]), np.concatenate([self.size, np.abs(values)])
-        return FixedNumbers((*self.names, *names), self.parameters, value, size)
-
-    def where(self, chosen: Bool[np.ndarray, " fixed"]) -> "FixedNumbers":
-        """The chosen numbers."""
-        places = np.flatnonzero(chosen)
-        names, parameters = tuple(self.names[k] for k in places), tuple(self.parameters[k] for k in places)
-        return FixedNumbers(names, parameters, self.value[places], self.size[places])
-
-
-def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers:
-    """All numbers that the scene states, the model uses and the fit holds fixed; `suspects` has the film's.
+def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> dict[str, Parameter]:
+    """All numbers that the scene states, the model uses and the fit holds fixed, but for the film's.
 
     A single number that is 0, such as the transparency of a wall, says that there is nothing: it is left out unless it
     is wanted by name. So is what cannot move alone, such as one component of a rectangle's side.
     """
-    scene, unknowns = problem.scene, problem.unknowns
-    moving = [*unknowns.names, *(follower for follower, _ in unknowns.ties)]
-    taken = {resolve(scene, name).address for name in moving}
-    found = []
+    scene, moving, found = problem.scene, moving_numbers(problem.scene, problem.unknowns), {}
     for name in scalar_names(scene, list_parameters(scene)):
         parameter = resolve(scene, name)
-        value = float(parameter.address.read(scene))
-        is_absent = value == 0 and parameter.address.component is None and name not in wanted
-        if not parameter.attribute.is_used_by(problem.base.model) or parameter.address.group == FILM:
-            continue
-        if parameter.address not in taken and not is_absent and can_move_alone(scene, parameter):
-            found.append((name, parameter, value, number_size(scene, parameter.address)))
-    names, parameters, values, sizes = zip(*found, strict=True) if found else ((), (), (), ())
-    return FixedNumbers(names, parameters, np.array(values), np.array(sizes))
+        address = parameter.address
+        is_absent = address.component is None and name not in wanted and float(address.read(scene)) == 0
+        is_used = parameter.attribute.is_used_by(problem.base.model) and address.group != FILM
+        if is_used and address not in moving and not is_absent and can_move_alone(scene, parameter):
+            found[name] = parameter
+    return found
+
+
+def moving_numbers(scene: Scene, unknowns: Unknowns) -> dict[Address, str]:
+    """The names of the numbers that are free or tied to a free one."""
+    names = [*unknowns.names, *(follower for follower, _ in unknowns.ties)]
+    return {resolve(scene, name).address: name for name in names}
 
 
 def number_size(scene: Scene, address: Address) -> float:
@@ -72,37 +48,33 @@ def number_size(scene: Scene, address: Address) -> float:
 
 def can_move_alone(scene: Scene, parameter: Parameter) -> bool:
     """Whether a number may have another value while all others of its block stay as they are."""
-    block, component = parameter.block, parameter.address.component
-    values = {name: np.array(value) for name, value in block.read_all(scene).items()}
-    entry = values[parameter.attribute.name]
-    place = ... if component is None else component
+    values = {name: np.array(value) for name, value in parameter.block.read_all(scene).items()}
     # A thousandth of the number: much more than the checks allow for rounding.
-    entry[place] += 1e-3 * (np.abs(entry[place]) or 1.0)
-    return block.type.complaint(values) is None
+    step = 1e-3 * (abs(float(parameter.address.read(scene))) or 1.0)
+    values[parameter.attribute.name] = entry_with(scene, parameter.address, step)
+    return parameter.block.type.complaint(values) is None
 
 
-def inward_steps(numbers: FixedNumbers, scene: Scene, fraction: float) -> Float[np.ndarray, " fixed"]:
-    """A step of each number: a fraction of its size, in a direction in which its value stays valid.
-
-    The steps returned are those that are left after rounding to the scene's precision.
-    """
-    steps = fraction * np.where(numbers.size > 0, numbers.size, 1.0)
-    for k, parameter in enumerate(numbers.parameters):
-        entry = np.array(parameter.address.entry.read(scene))
-        place = ... if parameter.address.component is None else parameter.address.component
-        before = float(entry[place])
-        entry[place] += steps[k]
-        if parameter.attribute.violation(entry):
-            entry[place] = before - steps[k]
-        steps[k] = float(entry[place]) - before
-    return steps
+def inward_step(scene: Scene, parameter: Parameter, step: float) -> float:
+    """A step of a number in a direction in which its value stays valid, as rounded to the scene's precision."""
+    address = parameter.address
+    if parameter.attribute.violation(entry_with(scene, address, step)):
+        step = -step
+    change = entry_with(scene, address, step).astype(np.float64) - np.asarray(address.entry.read(scene), np.float64)
+    return float(np.sum(change))
 
 
-def moved_together(scene: Scene, numbers: FixedNumbers, steps: Float[np.ndarray, "scenes fixed"]) -> Scene:
+def entry_with(scene: Scene, address: Address, step: float) -> np.ndarray:
+    """The value of a number's attribute, with the number moved by a step."""
+    entry = np.array(address.entry.read(scene))
+    entry[... if address.component is None else address.component] += np.float64(step)
+    return entry
+
+
+def moved_together(scene: Scene, addresses: Sequence[Address], steps: Float[np.ndarray, "scenes fixed"]) -> Scene:
     """A scene for each row of steps, with the numbers moved by them; stacked as by `map_scenes`."""
     many = map_scenes(lambda x: np.repeat(np.asarray(x)[None], len(steps), axis=0), scene)
-    for k, parameter in enumerate(numbers.parameters):
-        address = parameter.address
+    for k, address in enumerate(addresses):
         place = (slice(None), *(i for i in (address.component, address.column) if i is not None))
         getattr(getattr(many, address.group), address.field)[place] += steps[:, k]
     return many
@@ -121,19 +93,17 @@ def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain)
     Raises:
         ParameterError: an unknown name, a number that is free or tied, a standard deviation that makes no sense.
     """
-    moving = (*unknowns.names, *(follower for follower, _ in unknowns.ties))
-    taken = {resolve(scene, name).address: name for name in moving}
-    by_address: dict[Address, float] = {}
+    moving, found = moving_numbers(scene, unknowns), dict[str, float]()
     groups = [(name, amount, numbers_of(scene, name)) for name, amount in uncertain.items()]
     for name, amount, addresses in sorted(groups, key=lambda group: -len(group[2])):
-        both = [taken[address] for address in addresses if address in taken]
-        if len(both) == len(addresses):
-            raise ParameterError(f"uncertain {name}: {both[0]} is free; state what is known of it as a prior.")
+        if all(address in moving for address in addresses):
+            free = moving[addresses[0]]
+            raise ParameterError(f"uncertain {name}: {free} is free; state what is known of it as a prior.")
         spreads = {address: standard_deviation(scene, address, name, amount) for address in addresses}
         if not any(spreads.values()):
             raise ParameterError(f"uncertain {name}={amount}: it is 0, of which a share is nothing; give it in units.")
-        by_address |= {address: spread for address, spread in spreads.items() if address not in taken}
-    return {canonical_name(scene, address): spread for address, spread in by_address.items() if spread > 0}
+        found |= {canonical_name(scene, address): spreads[address] for address in addresses if address not in moving}
+    return {name: spread for name, spread in found.items() if spread > 0}
 
 
 def root_covariance(
@@ -147,68 +117,56 @@ def root_covariance(
     Raises:
         ParameterError: the correlations cannot be those of these numbers.
     """
-    # Correlations may be rounded to six digits.
-    rounding = 1e-6
+    rounding = 1e-6  # Correlations may be rounded to six digits.
     place, matrix = {name: k for k, name in enumerate(names)}, np.eye(len(names))
     for (one, other), value in correlations.items():
-        for name in (one, other):
-            if name not in place:
-                raise ParameterError(
-                    f"correlations: {quoted(name)} is not stated to be uncertain; there are {listed(names)}."
-                )
+        unknown = [name for name in (one, other) if name not in place]
+        if unknown:
+            words = f"{quoted(unknown[0])} is not stated to be uncertain; there are {listed(names)}"
+            raise ParameterError(f"correlations: {words}.")
         if one == other or not abs(value) <= 1 + rounding:
-            raise ParameterError(
-                f"correlations: {one}, {other}: {value}; two numbers and a value from -1 to 1 are wanted."
-            )
+            raise ParameterError(f"correlations: {one}, {other}: {value}; wanted are two numbers, and from -1 to 1.")
         matrix[place[one], place[other]] = matrix[place[other], place[one]] = value
     values, vectors = np.linalg.eigh(matrix)
     if np.any(values < -rounding):
-        raise ParameterError(
-            "correlations: no numbers can have these correlations: their matrix has a negative eigenvalue."
-        )
+        raise ParameterError("correlations: no numbers can have these: their matrix has a negative eigenvalue.")
     return (np.sqrt(np.maximum(values, 0))[:, None] * vectors.T) * spread
 
 
 def numbers_of(scene: Scene, name: str) -> list[Address]:
     """The single numbers that a name means; it may be that of a parameter, a block, or a kind of blocks."""
-    owners = [block for block in blocks(scene) if block.name == name]
-    owners = owners or [block for block in blocks(scene) if block.type.group == name]
+    every = blocks(scene)
+    owners = [block for block in every if block.name == name] or [b for b in every if b.type.group == name]
     if not owners and "." not in name:
-        names = dict.fromkeys(block.name for block in blocks(scene))
-        kinds = dict.fromkeys(block.type.group for block in blocks(scene))
-        last = blocks(scene)[-1]
-        example = f"{last.name}.{last.type.continuous[0].name}"
         raise ParameterError(
-            f"uncertain {quoted(name)}: neither a number, as {example}, nor a block nor a kind of blocks. "
-            f"Blocks are {listed(names)}; kinds are {listed(kinds)}."
+            f"uncertain {quoted(name)}: neither a number, as {every[0].name}.{every[0].type.continuous[0].name}, nor a "
+            f"block nor a kind of blocks. Blocks are {listed(dict.fromkeys(block.name for block in every))}; kinds are "
+            f"{listed(dict.fromkeys(block.type.group for block in every))}."
         )
-    wanted = [f"{block.name}.{a.name}" for block in owners for a in block.type.continuous] if owners else [name]
+    wanted = [f"{block.name}.{a.name}" for block in owners for a in block.type.continuous] or [name]
     return [resolve(scene, scalar).address for scalar in scalar_names(scene, wanted)]
 
 
 def standard_deviation(scene: Scene, address: Address, name: str, amount: float | str) -> float:
     """The standard deviation in the number's own unit, from an amount or a share as `0.1%`."""
-    text = amount.strip() if isinstance(amount, str) else None
+    text = amount.strip() if isinstance(amount, str) else ""
     try:
-        number = float(amount) if text is None else parse_number(text.removesuffix("%").strip())
+        number = parse_number(text.removesuffix("%").strip()) if text else float(amount)
     except ValueError:
         number = math.nan
     if not (math.isfinite(number) and number > 0):
         raise ParameterError(
             f"uncertain {name}={amount}: wanted a standard deviation above 0 in its own unit, or a share as 0.1%."
         )
-    if text is None or not text.endswith("%"):
-        return number
-    return number / 100 * number_size(scene, address)
+    return number / 100 * number_size(scene, address) if text.endswith("%") else number
 
 
 def canonical_name(scene: Scene, address: Address) -> str:
     """The name under which a number is listed."""
     block = next(b for b in blocks(scene) if (b.type.group, b.column) == (address.group, address.column))
-    attribute = block.type.find(address.field)
-    assert attribute is not None
-    component = "" if address.component is None else f".{attribute.components[address.component]}"
-    return f"{block.name}.{address.field}{component}"
+    attribute = next(one for one in block.type.continuous if one.name == address.field)
+    component = [] if address.component is None else [attribute.components[address.component]]
+    return ".".join([block.name, address.field, *component])
 
 
 def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], maker: str) -> FitOptions:
@@ -228,20 +186,16 @@ def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], m
         return options
     said = {address for name in options.uncertain for address in numbers_of(scene, name)}
     said |= {resolve(scene, name).address for name in [*free, *scalar_names(scene, options.ties)]}
-    # Fraction of one more than a point's largest coordinate by which Mitsuba 3, in float32, starts rays off a surface
-    # (`SurfaceInteraction::offset_p` and `math::RayEpsilon`).
-    epsilon, offsets = 1500 * 2**-24, dict[str, float]()
-    for ball in blocks_of(scene, "sphere"):
-        name = f"{ball.name}.radius"
-        center, radius = (np.asarray(ball.read(scene, part), np.float64) for part in ("center", "radius"))
-        if resolve(scene, name).address not in said:
-            offsets[name] = float(f"{epsilon * (1 + np.max(np.abs(center)) + radius):.1e}")
+    offsets = dict[str, float]()
+    for name in [f"{ball.name}.radius" for ball in blocks_of(scene, "sphere")]:
+        radius = resolve(scene, name)
+        if radius.address not in said:
+            # Fraction of one more than a point's largest coordinate by which Mitsuba 3, in float32, starts rays off a
+            # surface (`SurfaceInteraction::offset_p` and `math::RayEpsilon`).
+            parts = (np.abs(np.asarray(radius.block.read(scene, one), np.float64)) for one in ("center", "radius"))
+            offsets[name] = float(f"{1500 * 2**-24 * (1 + sum(map(np.max, parts))):.1e}")
     if offsets:
         stated = listed(f"{name}={amount:g}" for name, amount in offsets.items())
-        warnings.warn(
-            f"the target is by {maker}, which starts rays a little off surfaces: taken to be uncertain are {stated}; "
-            "--uncertain states other amounts.",
-            PictureWarning,
-            stacklevel=2,
-        )
+        words = f"the target is by {maker}, which starts rays a little off surfaces: taken to be uncertain are {stated}"
+        warnings.warn(f"{words}; --uncertain states other amounts.", PictureWarning, stacklevel=2)
     return dataclasses.replace(options, uncertain={**options.uncertain, **offsets})
