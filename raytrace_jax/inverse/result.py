@@ -234,12 +234,10 @@ class FitResult:
 
     @property
     def total_error(self) -> Float[np.ndarray, " parameters"]:
-        """One standard deviation of each estimate, from noise and systematic errors together."""
         return np.hypot(self.standard_error, self.systematic_error)
 
     @property
     def total_correlation(self) -> Float[np.ndarray, "parameters parameters"]:
-        """The correlation matrix of the estimates, from noise and systematic errors together."""
         return correlation_of(self.uncertainty.covariance + self.check.covariance)
 
     @property

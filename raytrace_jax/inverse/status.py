@@ -277,7 +277,6 @@ def weights_of(problem: Problem) -> np.ndarray:
 
 
 def _pictures(problem: Problem, solution: FitState, start: np.ndarray | None) -> result.FitPictures:
-    """The pictures of a problem's solution, and how they differ; pixels that are not finite do not count."""
     linearization, observed = solution.linearization, solution.problem.observation
     weight = solution.under_loss("weight")
     return result.FitPictures(

@@ -40,7 +40,6 @@ class Choice(NamedTuple):
 
     @classmethod
     def alike(cls, places: Sequence[int], values: Sequence[float]) -> "Choice":
-        """The same values for each of the parameters."""
         return cls(tuple(places), np.tile(np.array(values)[:, None], len(places)))
 
 
@@ -58,7 +57,6 @@ def table(base: Values, grid: ScanGrid) -> Float[np.ndarray, "rows parameters"]:
 
 
 def size(grid: ScanGrid) -> int:
-    """The number of a grid's combinations."""
     return math.prod(choice.values[..., 0].size for choice in grid)
 
 

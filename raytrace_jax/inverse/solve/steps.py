@@ -130,7 +130,6 @@ class Recorder:
         self.begin(0, 0)
 
     def phase(self, words: str) -> None:
-        """Say what happens now."""
         if self.on_phase is not None and not self.is_stopped:
             self.on_phase(words)
         self.check_clock()
