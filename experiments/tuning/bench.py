@@ -82,7 +82,7 @@ class Bench:
     def problem(self, scene, target: np.ndarray, options: FitOptions = FitOptions()) -> tuple[Problem, Recorder]:
         """The problem, and who keeps its history."""
         problem = build_problem(scene, target, self.case.free, self.how, options).problem
-        return problem, Recorder(problem, None, None, None)
+        return problem, Recorder(problem)
 
     @contextlib.contextmanager
     def remembering(self) -> Iterator[None]:
@@ -101,7 +101,7 @@ class Bench:
             return self.kept[place]
 
         def evaluate_once(problem, values, binning, tell):
-            place = key(problem, values.tobytes(), binning, scanning.SCAN_BLUR)
+            place = key(problem, values.tobytes(), binning)
             if place not in self.kept:
                 self.kept[place] = evaluate(problem, values, binning, lambda pictures: None)
             tell(len(values))

@@ -17,6 +17,7 @@ from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.solve.solvers import levenberg_marquardt
+from raytrace_jax.inverse.solve.steps import Findings
 from raytrace_jax.inverse.status import fit_status
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
@@ -135,16 +136,9 @@ def judged(ended: Ended) -> tuple[str, np.ndarray]:
     """The word for an ending, and the error bars."""
     solution = ended.solution
     sure = quantify_uncertainty(solution, None)
-    status, _, _ = fit_status(
-        settled=True,
-        explained=explains(solution),
-        check=ModelCheck.nothing(len(sure.standard_error)),
-        excess=0.0,
-        uncertainty=sure,
-        runner_ups=(),
-        max_steps=60,
-    )
-    return status, sure.standard_error
+    check = ModelCheck.nothing(len(sure.standard_error))
+    findings = Findings(solution=dataclasses.replace(solution, settled=True), uncertainty=sure, check=check)
+    return fit_status(findings, explains(solution), 0.0, 60)[0], sure.standard_error
 
 
 def rows(name: str, size: tuple[int, int], endings=endings, varied=VARIED) -> Iterator[list[str]]:

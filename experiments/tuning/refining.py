@@ -18,14 +18,8 @@ from raytrace_jax.inverse.solve.refine import refine as solve
 BOX: list[tuple[str, dict[str, Any]]] = [
     ("inverse.observe.sampling:COARSE_SAMPLES", {"3": 3, "4": 4}),
     ("inverse.observe.sampling:LATTICES", {f"{n}": (n,) for n in (89, 233, 610, 1597)}),
-    ("inverse.solve.solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets that are means over each pixel."""
-
-POINT: list[tuple[str, dict[str, Any]]] = [
-    ("inverse.solve.solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
-]
-"""Numbers that matter to targets of one ray a pixel."""
 
 NEAR = np.array([5e-3, 5e-3, -5e-3, 5e-3])
 """How far from the truth the solves begin: where a search ends."""
@@ -98,4 +92,4 @@ def point_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[st
         size = np.sqrt(np.mean(np.square(ratios)))
         return [f"{settled} of {count}", f"{size:.2f}", f"{error:.1e}", f"{steps} + {taken}"]
 
-    yield from varied(name, bench, POINT, outcome)
+    yield from varied(name, bench, [], outcome)

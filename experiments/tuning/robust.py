@@ -20,7 +20,7 @@ def refined(bench: Bench, scene: Scene, target: np.ndarray, free: tuple[str, ...
     """The solution that the Cauchy loss leads to, and the number of steps."""
     options = FitOptions(target_sampling="point")
     problem = build_problem(scene, target, free, bench.how, options).problem
-    recorder = Recorder(problem, None, None, None)
+    recorder = Recorder(problem)
     solution = refine(problem, problem.start(), options, recorder)
     return solution, len(recorder.history)
 

@@ -14,7 +14,6 @@ HEAD = ("scene", "number", "value", "at the truth", "explained", "minima", "pict
 
 VARIED: list[tuple[str, dict[str, Any]]] = [
     ("inverse.solve.search:LEAST_SOLVES", {"1": 1, "4": 4}),
-    ("inverse.solve.search:MOST_SOLVES", {"2": 2, "10": 10}),
     ("inverse.solve.search:LEAST_SIGNAL", {"0.15": 0.15, "0.6": 0.6}),
 ]
 """Numbers of `inverse.solve.search` with values beside their own."""

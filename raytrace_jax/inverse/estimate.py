@@ -16,7 +16,7 @@ from raytrace_jax.inverse.build_problem import FitSetup, build_problem
 from raytrace_jax.inverse.judge.changes import pixels_to_check
 from raytrace_jax.inverse.judge.model_check import check_model
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
-from raytrace_jax.inverse.observe.sampling import COARSE_SAMPLES, SamplingKind, cached_detection, supersampled
+from raytrace_jax.inverse.observe.sampling import COARSE_SAMPLES, cached_detection, supersampled
 from raytrace_jax.inverse.options import FitOptions, Stage, changed_options
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitResult, FitStep
@@ -97,17 +97,22 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
     problem = setup.problem
     levels, detect = choose_levels(problem, options), cached_detection(problem)
     prepare_search(problem, levels, options, recorder, ahead)
-    minima = find_minima(
-        problem,
-        levels,
-        options.edges,
-        options.search,
-        recorder,
-        lambda first: ahead.add(lambda: prepare_refinement(problem, first, options, detect)),
-    )
-    last = len(levels.blurs)
+
+    def prepare_refinement(first: LocalMinimum) -> None:
+        """Compile what will solve the whole picture, while the search goes on to other minima."""
+        is_told = options.known_sampling != "auto"
+        known = options if is_told else dataclasses.replace(options, target_sampling=detect(first.y))
+        stage = first_stage(known.last_stage)
+        problem.prepare_linearize(first.y, stage)
+        if stage.edges == "aware":
+            pixels_to_check(problem, first.y, stage).prepare()
+
+    def on_first(first: LocalMinimum) -> None:
+        ahead.add(lambda: prepare_refinement(first))
+
+    minima = find_minima(problem, levels, options.edges, options.search, recorder, on_first)
     recorder.found(minima=tuple(minima))
-    minima, solution = select_solution(problem, minima, last, options, recorder, detect)
+    minima, solution = select_solution(problem, minima, len(levels.blurs), options, recorder, detect)
     recorder.found(minima=tuple(minima), solution=solution)
 
     # What is wrong with it: pixels that are not finite, and balls that the target does not show.
@@ -115,8 +120,7 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
     if bad.any():
         words = f"{mask_in_words(bad)}, in the fitted picture or a derivative. They do not count."
         warnings.warn(words, PictureWarning, stacklevel=2)
-    uncertainty = quantify_uncertainty(solution, options.sigma)
-    unseen = unseen_balls(solution)
+    uncertainty, unseen = quantify_uncertainty(solution, options.sigma), unseen_balls(solution)
     for names in unseen.values():
         uncertainty = with_open(uncertainty, problem.unknowns.names, names)
     recorder.found(uncertainty=uncertainty, unseen=unseen)
@@ -154,15 +158,3 @@ def prepare_search(
         ahead.add(lambda binning=binning: problem.prepare_linearize(best(), Stage(options.edges, binning=binning)))
     if options.known_sampling == "auto":
         ahead.add(lambda: problem.model.prepare_points(problem.scene_at(best()), problem.base))
-
-
-def prepare_refinement(
-    problem: Problem, first: LocalMinimum, options: FitOptions, detect: Callable[[Array], SamplingKind]
-) -> None:
-    """Compile what will solve the whole picture, while the search goes on to other minima."""
-    if options.known_sampling == "auto":
-        options = dataclasses.replace(options, target_sampling=detect(first.y))
-    stage = first_stage(options.last_stage)
-    problem.prepare_linearize(first.y, stage)
-    if stage.edges == "aware":
-        pixels_to_check(problem, first.y, stage).prepare()

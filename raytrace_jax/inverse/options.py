@@ -23,17 +23,13 @@ ones, `auto` whichever of the first two is nearer to the target."""
 
 @dataclasses.dataclass(frozen=True)
 class Stage:
-    """The choices of one stage: how picture and target are compared, and when a solver is at rest.
+    """The choices of one stage: how picture and target are compared.
 
     Args:
         blur: standard deviation of the Gaussian blur of their difference, in pixels of the target.
         binning: how many pixels are averaged to one in each direction, in picture and target.
         loss_scale: infinity with `l2`.
         noise: standard deviation of the residuals beside which priors count.
-        relative: change of unknowns and cost in proportion to themselves (float32 stops where it resolves no more).
-        decrease: fraction of the cost that the linear model still takes away: the estimate's squared error in units of
-            its error bar, up to the number of residuals (the relative offset of Bates and Watts 1981).
-        rejected: rejected steps in a row: no shorter step helps either.
     """
 
     edges: EdgeMode
@@ -42,11 +38,6 @@ class Stage:
     loss: LossName = "l2"
     loss_scale: float = inf
     noise: float = 0.0
-    max_steps: int = 60
-    # A solve that ends on the answer, 1e-5 of an error bar from it, so that targets without noise are met.
-    relative: float = 1e-9
-    decrease: float = 1e-10
-    rejected: int = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,7 +124,7 @@ class FitOptions(Checked):
         is_point = self.known_sampling == "point"
         suited: LossName = "cauchy" if is_point else "l2"
         loss = suited if self.loss == "auto" else self.loss
-        return Stage("point" if is_point else self.edges, loss=loss, max_steps=self.max_steps)
+        return Stage("point" if is_point else self.edges, loss=loss)
 
     def as_made(self, how_made: Mapping[str, Any]) -> "FitOptions":
         """These options with the sampling that the metadata of the target's file says, if nothing else was said.

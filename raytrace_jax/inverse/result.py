@@ -194,27 +194,22 @@ class FitResult:
 
     @property
     def status(self) -> Status:
-        """The word for how the fit ended."""
         return self.ending.status
 
     @property
     def message(self) -> str:
-        """Why the status is what it is."""
         return self.ending.message
 
     @property
     def advice(self) -> str:
-        """What to do about it; empty where there is nothing to do."""
         return self.ending.advice
 
     @property
     def initial(self) -> Float[np.ndarray, " parameters"]:
-        """The free parameters at the start."""
         return self.given.initial
 
     @property
     def target_samples(self) -> int | None:
-        """The n x n samples of the target's pixels, as in `Given`."""
         return self.given.target_samples
 
     @property
@@ -239,12 +234,10 @@ class FitResult:
 
     @property
     def total_error(self) -> Float[np.ndarray, " parameters"]:
-        """One standard deviation of each estimate, from noise and systematic errors together."""
         return np.hypot(self.standard_error, self.systematic_error)
 
     @property
     def total_correlation(self) -> Float[np.ndarray, "parameters parameters"]:
-        """The correlation matrix of the estimates, from noise and systematic errors together."""
         return correlation_of(self.uncertainty.covariance + self.check.covariance)
 
     @property
@@ -261,17 +254,14 @@ class FitResult:
 
     @property
     def rows(self) -> list[EstimateRow]:
-        """The estimates, a row each."""
-        sure = self.uncertainty
-        columns = [self.given.initial, self.value, self.standard_error, sure.resolution]
-        columns += [self.systematic_error, self.total_error, sure.cramer_rao]
-        numbers = np.stack(columns, axis=1).tolist()
-        heads = zip(self.names, self.labels, self.given.units, strict=True)
-        return [EstimateRow(*head, *row) for head, row in zip(heads, numbers, strict=True)]
+        sure, given = self.uncertainty, self.given
+        numbers = [given.initial, self.value, self.standard_error, sure.resolution]
+        numbers += [self.systematic_error, self.total_error, sure.cramer_rao]
+        columns = self.names, self.labels, given.units, *(column.tolist() for column in numbers)
+        return [EstimateRow(*row) for row in zip(*columns, strict=True)]
 
     @property
     def parameters(self) -> dict[str, Estimate]:
-        """The estimates by name."""
         return {row.name: Estimate(row.value, row.total_error, row.unit) for row in self.rows}
 
     def __getitem__(self, name: str) -> Estimate:
@@ -287,7 +277,7 @@ class FitResult:
         return found[name]
 
     def summary(self) -> str:
-        """The estimates, a line each, and the last word: what the command line prints."""
+        """What the command line prints: the estimates, a line each, and the last word."""
         heads, rows = estimate_table(self.rows)
         return "\n".join([*aligned([heads, *rows]), last_word(self)])
 
@@ -307,14 +297,13 @@ class FitResult:
         return load_record(folder, FitResult)
 
     def __repr__(self) -> str:
-        rows = ", ".join(f"{name} {estimate}" for name, estimate in self.parameters.items())
-        return f"<FitResult {self.status}: {rows}>"
+        return f"<FitResult {self.status}: {', '.join(f'{n} {found}' for n, found in self.parameters.items())}>"
 
     def _repr_html_(self) -> str:
         heads, rows = estimate_table(self.rows)
-        cells = [[f"<th>{html.escape(text)}</th>" for text in heads]]
-        cells += [[f"<td>{html.escape(text)}</td>" for text in row] for row in rows]
-        table = "".join(f"<tr>{''.join(row)}</tr>" for row in cells)
+        table = ""
+        for tag, texts in (("th", heads), *(("td", row) for row in rows)):
+            table += f"<tr>{''.join(f'<{tag}>{html.escape(text)}</{tag}>' for text in texts)}</tr>"
         return f"<table>{table}</table><p>{html.escape(last_word(self))}</p>"
 
 

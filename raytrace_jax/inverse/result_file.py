@@ -86,5 +86,4 @@ def load_record(folder: str | os.PathLike[str], kind: type[Any]) -> Any:
 
 
 def _is_array(kind: Any) -> bool:
-    """Whether a type is an array's, or jaxtyping's of one."""
     return kind is np.ndarray or getattr(kind, "array_type", None) is np.ndarray

@@ -49,7 +49,6 @@ class EstimateRow(NamedTuple):
     cramer_rao: float
 
     def text(self, long: bool = False) -> str:
-        """The estimate with its total error, as `with_error`."""
         return with_error(self.value, self.total_error, long)
 
 

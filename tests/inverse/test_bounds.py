@@ -1,7 +1,5 @@
 """Parameters that run to their bounds: the others then are where least squares within the bounds have them."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,10 +15,10 @@ from scipy.optimize import lsq_linear
 from raytrace_jax import RenderSettings
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.problem.unknowns import Transform
-from raytrace_jax.inverse.solve.solvers import gauss_newton, levenberg_marquardt
+from raytrace_jax.inverse.solve.solvers import GaussNewton, LevenbergMarquardt, levenberg_marquardt, minimise
 from raytrace_jax.inverse.solve.steps import Recorder, bounds_reached, is_possible, shorten_step
 
-EXACT = dataclasses.replace(POINT, relative=1e-10, decrease=1e-12)
+EXACT = LevenbergMarquardt(relative=1e-10, decrease=1e-12)
 TRANSFORMS = (Transform(0.0), Transform(0.0, 1.0), Transform())
 LOWER, UPPER = np.array([0, 0, -np.inf]), np.array([np.inf, 1, np.inf])
 
@@ -28,7 +26,7 @@ LOWER, UPPER = np.array([0, 0, -np.inf]), np.array([np.inf, 1, np.inf])
 def solved(truth, start, noise=0.0):
     """The problem, and where a solver ends."""
     problem = linear_problem(COLUMNS, picture(truth) + noise, start=start, transforms=TRANSFORMS)
-    return problem, levenberg_marquardt(problem, problem.start(), EXACT)
+    return problem, levenberg_marquardt(problem, problem.start(), POINT, method=EXACT)
 
 
 def best(truth, noise=0.0):
@@ -57,8 +55,7 @@ def test_a_solver_ends_at_the_least_squares_within_the_bounds(truth, reached, st
 def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_error_bar():
     noise = white()
     problem, state = solved(np.array([0, 0.5, 0.7]), np.array([0.3, 0.3, 0.0]), noise)
-    recorder = Recorder(problem, None, None, None)
-    ended = gauss_newton(state, lambda y: FitState.at(problem, y, state.stage), recorder.step)
+    ended = minimise(GaussNewton(), state, lambda y: FitState.at(problem, y, state.stage), Recorder(problem).step)
     assert ended.settled and np.all(np.isfinite(ended.y))
     np.testing.assert_allclose(problem.values(ended.y), best(np.array([0, 0.5, 0.7]), noise), atol=2e-6)
 

@@ -88,6 +88,6 @@ def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
 def test_a_picture_whose_samples_agree_with_it_everywhere_has_no_bias():
     columns = np.random.default_rng(0).normal(size=(2, 3, 12, 16))
     problem = sampled(linear_problem(columns, columns[0], start=np.array([0.99, 0.02])), Sampling())
-    found = settle(problem, FitState.at(problem, problem.start(), AWARE), Recorder(problem, None, None, None))
+    found = settle(problem, FitState.at(problem, problem.start(), AWARE), Recorder(problem))
     np.testing.assert_allclose(found.problem.observation.bias, 0, atol=1e-12)
     np.testing.assert_allclose(problem.values(found.y), [1, 0], atol=1e-12)

@@ -36,14 +36,6 @@ def target():
     return np.asarray(render(set_parameters(assignment_scene(), TRUTH), POINT).image)
 
 
-def make_problem(scene, target, free, settings):
-    return posed_problem(scene, target, free, settings, edges="point")
-
-
-def quantity_of(name):
-    return resolve(assignment_scene(), name).attribute.quantity
-
-
 @given(st.floats(0.3, 8), st.integers(0, 1000))
 def test_blur_keeps_constants_and_is_linear(sigma, seed):
     images = jnp.asarray(np.random.default_rng(seed).normal(size=(2, 3, 12, 17)))
@@ -66,7 +58,7 @@ def test_blur_of_zero_changes_nothing_and_of_a_point_has_its_sigma():
 )
 def test_transforms_are_inverted_and_hold_their_bounds(name, value):
     value = value + 1 if name == "vitreous.ior" else value
-    transform = Transform(*quantity_of(name).range_at(value))
+    transform = Transform(*resolve(assignment_scene(), name).attribute.quantity.range_at(value))
     assert float(transform.to_value(jnp.asarray(transform.to_unknown(value)))) == pytest.approx(value, rel=1e-10)
     for y in (-40.0, 40.0):
         far = float(transform.to_value(jnp.asarray(y)))
@@ -102,12 +94,8 @@ def test_a_point_sampled_target_is_met_to_rounding(which, request):
     np.testing.assert_allclose(result.value, ANSWER, atol=1e-7)
     assert result.settings.edges == "point"
     assert steps == result.history.steps
+    assert which == "met_nearby" or list(result.initial) == [1.337, 4.3, 2.3, -1]
     assert np.all(np.isfinite(result.standard_error))
-
-
-@pytest.mark.slow
-def test_the_history_begins_where_the_scene_is(met):
-    np.testing.assert_allclose(met[0].initial, [1.337, 4.3, 2.3, -1])
 
 
 MOST = {"differentiate_batches": 2, "linearize": 3, "color_batches": 1, "moved_scenes": 2, "probe_level": 0}
@@ -159,5 +147,5 @@ def test_how_a_target_was_sampled_is_told_near_the_answer_in_spite_of_noise(samp
     target = render(scene, dataclasses.replace(POINT, samples=samples)).image
     noise = np.random.default_rng(1).normal(0, 1 / 255, target.shape)
     near = set_parameters(scene, {"vitreous.ior": 1.3375, "vitreous.center.x": 4.3005})
-    problem = make_problem(near, target + noise, ["vitreous.ior"], POINT)
+    problem = posed_problem(near, target + noise, ["vitreous.ior"], POINT, edges="point")
     assert detect_sampling(problem, problem.start()) == sampling

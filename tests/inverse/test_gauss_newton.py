@@ -6,7 +6,7 @@ import pytest
 from linear_fit import linear_problem
 from linear_pictures import POINT, state_at
 
-from raytrace_jax.inverse.solve.solvers import gauss_newton, move_in_errors
+from raytrace_jax.inverse.solve.solvers import GaussNewton, minimise, move_in_errors
 from raytrace_jax.inverse.solve.steps import Recorder
 
 COLUMNS = np.random.default_rng(1).normal(size=(3, 3, 24, 32))
@@ -49,7 +49,7 @@ def to_and_fro(apart):
         seen.append(y)
         return state_at(problems[len(seen) % 2], y)
 
-    ended = gauss_newton(state_at(problems[0]), look, Recorder(problems[0], None, None, None).step)
+    ended = minimise(GaussNewton(), state_at(problems[0]), look, Recorder(problems[0]).step)
     return ended, len(seen), truth, far
 
 
@@ -66,27 +66,13 @@ def test_an_answer_too_far_for_a_linear_step_is_not_one_of_rest():
     assert not ended.settled and looks == 0 and ended.next_move > 10
 
 
-def recorder(on_step=None, on_phase=None):
-    columns = np.random.default_rng(0).normal(size=(2, 3, 4, 4))
-    return Recorder(linear_problem(columns, columns[0]), on_step, on_phase, None)
-
-
-def test_further_steps_of_a_level_go_on_behind_its_own_and_those_of_others_begin():
-    one = recorder()
+def test_steps_are_told_and_counted_by_their_level_and_one_that_does_not_lead_is_not_the_answer():
+    columns, steps, phases = np.random.default_rng(0).normal(size=(2, 3, 4, 4)), [], []
+    recorder = Recorder(linear_problem(columns, columns[0]), steps.append, phases.append)
+    recorder.phase("solving")
     for candidate, level in [(0, 1), (0, 1), (0, 0), (1, 1)]:
-        one.begin(candidate, level)
-        one.step(1.0, True, jnp.asarray([0.1, 1 / 3]))
-    assert [step.step for step in one.history] == [0, 1, 0, 0]
-
-
-def test_a_step_that_does_not_lead_is_told_but_is_not_the_answer():
-    steps, phases = [], []
-    one = recorder(steps.append, phases.append)
-    one.phase("solving")
-    one.begin(0, 0, 2.0)
-    one.step(1.0, True, jnp.asarray([1.0, 2.0]))
-    one.begin(1, 0, 2.0, leads=False)
-    one.step(0.5, True, jnp.asarray([3.0, 4.0]))
-    np.testing.assert_array_equal(one.findings.answer, [1, 2])
-    assert [(step.candidate, step.step, step.blur) for step in steps] == [(0, 0, 2.0), (1, 0, 2.0)]
-    assert phases == ["solving"]
+        recorder.begin(candidate, level, 2.0, leads=candidate == 0)
+        recorder.step(1.0, True, jnp.asarray([candidate, 1 / 3]))
+    np.testing.assert_array_equal(recorder.findings.answer, [0, 1 / 3])
+    assert [(step.step, step.blur) for step in steps] == [(0, 2.0), (1, 2.0), (0, 2.0), (0, 2.0)]
+    assert phases == ["solving"] and steps == recorder.history

@@ -29,7 +29,7 @@ def searched(seed, film):
     linear = linear_problem(np.stack([change, light]), target, start=[TRUTH, 1.0])
     scene = set_parameters(linear.scene, film)
     problem = posed_problem(scene, target, FREE, linear.base, edges="point", ties=TIES)
-    recorder = Recorder(problem, None, None, None)
+    recorder = Recorder(problem)
     (best,) = find_minima(problem, Levels(1, (8.0, 4.0, 2.0, 0.0)), "point", False, recorder)
     return recorder.history, best.summary.value
 

@@ -13,12 +13,12 @@ from raytrace_jax import PictureError, PictureWarning
 from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
 from raytrace_jax.inverse.judge.structure import explains
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.solve.search import choose_levels, find_minima
-from raytrace_jax.inverse.solve.solvers import gauss_newton, levenberg_marquardt
+from raytrace_jax.inverse.solve.solvers import GaussNewton, LevenbergMarquardt, minimise
 from raytrace_jax.inverse.solve.steps import Recorder
 
-EXACT = dataclasses.replace(POINT, relative=1e-10, decrease=1e-12, rejected=8)
+EXACT = LevenbergMarquardt(relative=1e-10, decrease=1e-12, rejected=8)
 COLUMNS = np.random.default_rng(5).normal(size=(2, 3, 12, 16))
 TRUTH = np.array([0.6, -0.3])
 BROKEN = [("residual", np.nan), ("residual", np.inf), ("jacobian", np.nan), ("jacobian", -np.inf)]
@@ -43,12 +43,11 @@ def solved(problem, is_broken, how):
     """Where a solver ends, and its steps, if the picture is broken wherever `is_broken` says so of the unknowns."""
     steps = []
 
-    def linearize(y):
+    def look(y):
         found = problem.linearize(y, POINT)
-        return broken(found, *how) if is_broken(np.asarray(y)) else found
+        return FitState(problem, y, POINT, broken(found, *how) if is_broken(np.asarray(y)) else found)
 
-    record = lambda *step: steps.append(step)  # noqa: E731
-    return levenberg_marquardt(problem, problem.start(), EXACT, record, linearize), steps
+    return minimise(EXACT, look(problem.start()), look, lambda *step: steps.append(step)), steps
 
 
 @pytest.mark.parametrize("how", BROKEN)
@@ -85,11 +84,11 @@ def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
     problem = problem_from([0.0, 0.0])
     solution = state_at(problem)
     break_where(monkeypatch, lambda y: y[0] > 0.01)
-    recorder = Recorder(problem, None, None, None)
+    recorder = Recorder(problem)
     # The truth is within the reach of one step in natural scales only if these are large: take the step.
     problem.__dict__["scale"] = np.full(2, 100.0)
     with pytest.warns(RuntimeWarning, match="not finite"):
-        ended = gauss_newton(solution, lambda y: state_at(problem, y), recorder.step)
+        ended = minimise(GaussNewton(), solution, lambda y: state_at(problem, y), recorder.step)
     assert not ended.settled and ended.linearization.is_finite
     np.testing.assert_array_equal(ended.y, problem.start())
     assert [step.accepted for step in recorder.history] == [True, False]
@@ -97,7 +96,7 @@ def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
 
 def minima_of(problem, monkeypatch, starts):
     monkeypatch.setattr("raytrace_jax.inverse.solve.search.find_starts", lambda *_: list(map(np.asarray, starts)))
-    recorder = Recorder(problem, None, None, None)
+    recorder = Recorder(problem)
     return find_minima(problem, choose_levels(problem, FitOptions(blur=(0.0,))), "point", True, recorder)
 
 

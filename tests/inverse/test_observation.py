@@ -211,16 +211,13 @@ def test_film_and_scene_cannot_be_tied():
         ("leftwall.point.x", 1),
         ("film.gain.r", 1),
         ("film.offset.r", 0.1),
+        ("blue.ior", 0.25),  # An index counts from 1.
+        ("red.ior", 0.1),
     ],
 )
 def test_natural_scales(name, expected):
-    assert natural_scale(with_film(assignment_scene(), [name]), name) == pytest.approx(expected)
-
-
-def test_the_natural_scale_of_an_index_counts_from_one():
-    scene = set_parameters(assignment_scene(), {"cyan.ior": 0.75, "red.ior": 1.0})
-    assert natural_scale(scene, "vitreous.ior") == pytest.approx(0.25)
-    assert natural_scale(scene, "red.ior") == pytest.approx(0.1)
+    scene = set_parameters(assignment_scene(), {"blue.ior": 0.75, "red.ior": 1.0})
+    assert natural_scale(with_film(scene, [name]), name) == pytest.approx(expected)
 
 
 NAMES = Unknowns(("ball.ior", "ball.radius"), (Transform(1.0), Transform(0.0)))

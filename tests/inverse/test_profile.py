@@ -8,7 +8,7 @@ from linear_pictures import COLUMNS, ROWS, SIGMA, TRUTH, state_at
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.result import PROFILE_95
-from raytrace_jax.inverse.solve.profile import FARTHEST_ERRORS, find_profile, interval
+from raytrace_jax.inverse.solve.profile import find_profile, interval
 from raytrace_jax.inverse.solve.steps import Recorder
 
 
@@ -26,7 +26,7 @@ def drawn(place, columns=COLUMNS, priors=None):
     stage, y = Stage("point", noise=SIGMA), problem.array(best)
     solution = state_at(problem, y, stage)
     sure = quantify_uncertainty(solution, SIGMA)
-    return find_profile(solution, place, sure, 30, Recorder(problem, None, None, None)), best, sure
+    return find_profile(solution, place, sure, 30, Recorder(problem)), best, sure
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
@@ -35,7 +35,7 @@ def test_a_linear_pictures_profile_is_the_textbooks_parabola(place):
     covariance = SIGMA**2 * np.linalg.inv(ROWS.T @ ROWS)
     away = found.value - best[place]
     assert found.name == linear_names(3)[place]
-    reach = FARTHEST_ERRORS * sure.standard_error[place]
+    reach = 3 * sure.standard_error[place]
     np.testing.assert_allclose(away, np.linspace(-reach, reach, 13), atol=1e-9)
     np.testing.assert_allclose(found.chi_square, away**2 / covariance[place, place], rtol=1e-5, atol=1e-6)
     along = covariance[:, place] / covariance[place, place]

@@ -75,7 +75,7 @@ def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, 
     target = point_sampled(problem, problem.start(), samples).mean
     one, y = posed(target), problem.start() + 3e-4
     begun = state_at(one, y, AWARE)
-    found = settle(sampled(one, Sampling(samples)), begun, Recorder(one, None, None, None))
+    found = settle(sampled(one, Sampling(samples)), begun, Recorder(one))
     left = found.problem.stages[0].confusion(1)[0, 0] + found.next_step[0] ** 2
     spread = float(np.sqrt(left))
     assert found.settled and samples_of(found.problem) == samples

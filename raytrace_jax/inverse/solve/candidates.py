@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ from raytrace_jax.inverse.observe.sampling import samples_of, supersampled
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Image, Values, natural_scale
 from raytrace_jax.scene.parameters import Address, Block, material_of, resolve
-from raytrace_jax.scene.scene import Camera, Scene
+from raytrace_jax.scene.scene import Camera
 from raytrace_jax.tracer.geometry.camera import ray
 
 INDICES = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
@@ -24,9 +24,6 @@ INDICES = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
 
 BUBBLE_INDICES = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97)
 """Indices that are tried for a material that starts below 1."""
-
-NEAR, NEAR_DEPTH = (-0.5, -0.2, 0.0, 0.2, 0.5), (-0.35, 0.0, 0.35)
-"""Shifts of a sphere's center along the picture's axes and into its depth, in radii; half and double do as well."""
 
 FAR, FAR_INDICES = 7, (1.1, 1.5, 2.0)
 """Places in each direction of the picture for a sphere that may be anywhere, and the indices that are tried there."""
@@ -41,109 +38,111 @@ class Choice(NamedTuple):
     places: tuple[int, ...]
     values: np.ndarray
 
-    @property
-    def longest(self) -> int:
-        """The size of its longest axis."""
-        return max(self.values.shape[:-1])
-
-    def thinned(self) -> "Choice":
-        """A choice that lacks every other value along its longest axis; the first value stays."""
-        axis = int(np.argmax(self.values.shape[:-1]))
-        kept = np.arange(0, self.longest, 2)
-        return Choice(self.places, np.take(self.values, kept, axis))
+    @classmethod
+    def alike(cls, places: Sequence[int], values: Sequence[float]) -> "Choice":
+        return cls(tuple(places), np.tile(np.array(values)[:, None], len(places)))
 
 
 ScanGrid = list[Choice]
 """Choices that vary independently: a grid tries all combinations of their values."""
 
 
-def table(base: Values, grid: ScanGrid) -> Iterator[Values]:
+def table(base: Values, grid: ScanGrid) -> Float[np.ndarray, "rows parameters"]:
     """All combinations of a grid's values; the other parameters have those of `base`."""
-    places = [place for choice in grid for place in choice.places]
-    for values in itertools.product(*(choice.values.reshape(-1, len(choice.places)) for choice in grid)):
-        row = base.copy()
-        row[places] = np.concatenate(values)
-        yield row
-
-
-def size(grid: ScanGrid) -> int:
-    """The number of a grid's combinations."""
-    return math.prod(choice.values[..., 0].size for choice in grid)
-
-
-def few_enough(found: list[list[ScanGrid]]) -> list[list[ScanGrid]]:
-    """The grids, the largest thinned out first, until they are at most `MOST_TRIED` pictures in all."""
-    found = [[list(grid) for grid in grids] for grids in found]
-    while sum(size(grid) for grids in found for grid in grids) > MOST_TRIED:
-        largest = max((grid for grids in found for grid in grids), key=size)
-        place = max(range(len(largest)), key=lambda place: largest[place].longest)
-        if largest[place].longest == 1:
-            break
-        largest[place] = largest[place].thinned()
+    choices = (choice.values.reshape(-1, len(choice.places)) for choice in grid)
+    rows = [np.concatenate(values) for values in itertools.product(*choices)]
+    found = np.tile(base, (len(rows), 1))
+    found[:, [place for choice in grid for place in choice.places]] = rows
     return found
 
 
-def groups(problem: Problem) -> list[list[ScanGrid]]:
-    """For each shape with a free position that is searched, and each index without one, the grids to try.
+def size(grid: ScanGrid) -> int:
+    return math.prod(choice.values[..., 0].size for choice in grid)
 
-    A parameter that is neither, or that has a prior, stays where it starts: the solver finds it. The parameter's
-    `Nature` tells whether it is an index, or a position that is searched. Indices of one material, one a channel, take
-    the same value in each trial.
-    """
-    scene, unknowns = problem.scene, problem.unknowns
-    positions: dict[Address, dict[int, int]] = {}
-    blocks: dict[Address, Block] = {}
-    indices: dict[Address, Choice] = {}
-    # Sort the free parameters: coordinates by shape, indices by material.
-    for place, name in enumerate(unknowns.names):
-        if problem.prior.precision[place] > 0:
-            continue
-        address, block, attribute, _ = resolve(scene, name)
+
+def thin_out(grids: list[ScanGrid]) -> None:
+    """Leave out every other value, but the first, of the largest grid's longest axis, until they are few enough."""
+    while sum(map(size, grids)) > MOST_TRIED:
+        grid = max(grids, key=size)
+        number = max(range(len(grid)), key=lambda k: max(grid[k].values.shape[:-1]))
+        places, values = grid[number]
+        axis = int(np.argmax(values.shape[:-1]))
+        grid[number] = Choice(places, np.take(values, np.arange(0, values.shape[axis], 2), axis))
+
+
+class Ball(NamedTuple):
+    """A ball whose position is free: where its coordinates, by axis, and its index are among the unknowns."""
+
+    name: str
+    center: Values
+    axes: dict[int, int]
+    indices: tuple[int, ...]
+
+
+def searched(problem: Problem, places: Iterable[int]) -> tuple[list[Ball], list[tuple[int, ...]]]:
+    """The balls with a free position, and the free indices of other materials, each with its places, one a channel."""
+    scene, names = problem.scene, problem.unknowns.names
+    positions: dict[Address, tuple[Block, dict[int, int]]] = {}
+    indices: dict[Address, tuple[int, ...]] = {}
+    for place in places:
+        address, block, attribute, _ = resolve(scene, names[place])
         if attribute.quantity.role == "position" and address.component is not None:
-            positions.setdefault(address.entry, {})[address.component] = place
-            blocks[address.entry] = block
+            positions.setdefault(address.entry, (block, {}))[1][address.component] = place
         elif attribute.quantity.role == "index":
-            tried = INDICES if float(address.read(scene)) >= 1 else BUBBLE_INDICES
-            places = (*(indices[address.entry].places if address.entry in indices else ()), place)
-            indices[address.entry] = Choice(places, np.tile(np.array(tried)[:, None], len(places)))
+            indices[address.entry] = (*indices.get(address.entry, ()), place)
+    balls, taken = [], list[Address]()
+    for entry, (block, axes) in positions.items():
+        material = material_of(scene, block)
+        own = [one for one in indices if (one.group, one.column) == (material.type.group, material.column)]
+        index = tuple(place for one in own for place in indices[one])
+        balls.append(Ball(block.name, np.asarray(entry.read(scene), np.float64), axes, index))
+        taken += own
+    return balls, [places for one, places in indices.items() if one not in taken]
 
-    # Give each shape its grids: near the start with all indices, all over the picture with a few.
-    normal, found = film_normal(scene.camera), []
-    for entry, places in positions.items():
-        # An index that a shape takes is not tried a second time without a shape.
-        own = [address for address in indices if is_material_of(scene, blocks[entry], address)]
-        index = [indices.pop(address) for address in own]
-        center = np.asarray(entry.read(scene), np.float64)
-        near = []
-        for axis, place in places.items():
-            scale = natural_scale(scene, unknowns.names[place], problem.base.model)
-            shifts = np.array(NEAR_DEPTH if axis == np.argmax(np.abs(normal)) else NEAR)
-            near.append(Choice((place,), (center[axis] + scale * shifts)[:, None]))
-        grids = [[*index, *near]]
-        far = across_picture(scene.camera, center, places)
+
+def groups(problem: Problem) -> list[list[ScanGrid]]:
+    """For each ball with a free position, and each index without one, the grids to try.
+
+    Near the start these are all indices, all over the picture a few. A parameter that is neither, or that has a prior,
+    stays where it starts: the solver finds it. Indices of one material, one a channel, take the same value in each
+    trial.
+    """
+    scene, initial = problem.scene, problem.unknowns.initial(problem.scene)
+    balls, others = searched(problem, np.flatnonzero(np.asarray(problem.prior.precision) == 0).tolist())
+
+    def all_indices(places: tuple[int, ...]) -> ScanGrid:
+        return [Choice.alike(places, INDICES if initial[places[-1]] >= 1 else BUBBLE_INDICES)] if places else []
+
+    found, tried = [], set[tuple[int, ...]]()
+    depth = int(np.argmax(np.abs(film_normal(scene.camera))))
+    for ball in balls:
+        # An index that a ball takes is not tried a second time with another one.
+        index = () if ball.indices in tried else ball.indices
+        tried.add(index)
+        near = all_indices(index)
+        for axis, place in ball.axes.items():
+            # In radii; half and double do as well.
+            shifts = np.array((-0.35, 0.0, 0.35) if axis == depth else (-0.5, -0.2, 0.0, 0.2, 0.5))
+            scale = natural_scale(scene, problem.unknowns.names[place], problem.base.model)
+            near.append(Choice((place,), (ball.center[axis] + scale * shifts)[:, None]))
+        grids, far = [near], across_picture(scene.camera, ball.center, ball.axes)
         if far:
-            tried = np.array(FAR_INDICES)[:, None]
-            grids.append([*(Choice(one.places, np.tile(tried, len(one.places))) for one in index), far])
+            grids.append([Choice.alike(index, FAR_INDICES), far] if index else [far])
         found.append(grids)
-    return few_enough(found + [[[choice]] for choice in indices.values()])
-
-
-def is_material_of(scene: Scene, shape: Block, address: Address) -> bool:
-    """Whether a parameter is one of a shape's material."""
-    material = material_of(scene, shape)
-    return (address.group, address.column) == (material.type.group, material.column)
+    found += [[all_indices(places)] for places in others]
+    thin_out([grid for grids in found for grid in grids])
+    return found
 
 
 def looks(camera: Camera, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Origins and directions, "3 *rays" in float64, of the rays through points of the picture."""
-    origin, direction = ray(camera, *(jnp.asarray(x, camera.viewpoint.dtype) for x in (u, v)))
-    return np.asarray(origin, np.float64), np.asarray(direction, np.float64)
+    found = ray(camera, *(jnp.asarray(x, camera.viewpoint.dtype) for x in (u, v)))
+    return np.asarray(found[0], np.float64), np.asarray(found[1], np.float64)
 
 
 def film_normal(camera: Camera) -> Float[np.ndarray, "3"]:
     """A vector, of any length, across the plane of the picture: the direction of its depth."""
-    _, direction = looks(camera, np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]))
-    corner, right, up = direction.T
+    corner, right, up = looks(camera, np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]))[1].T
     return np.cross(right - corner, up - corner)
 
 
@@ -179,42 +178,21 @@ def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
     Each ball whose index is near 1 is moved out of sight, and the residuals with it and without it are compared.
     """
     problem = solution.problem
-    values, found = problem.values(solution.y), dict[str, tuple[str, ...]]()
-    samples, unbiased = (
-        samples_of(problem) or 4,
-        problem.observation.with_bias(np.zeros(problem.observation.target.shape)),
-    )
+    names, values, found = problem.unknowns.names, problem.values(solution.y), dict[str, tuple[str, ...]]()
+    unbiased = problem.observation.with_bias(np.zeros(problem.observation.target.shape))
 
     def residual(values: Values) -> Image:
-        y = problem.y_of(values)
-        return unbiased.residual(supersampled(problem, y, samples))
+        return unbiased.residual(supersampled(problem, problem.y_of(values), samples_of(problem) or 4))
 
-    for ball, names in faint_balls(problem, values).items():
-        places = [problem.unknowns.names.index(name) for name in names[1:]]
-        without = values.copy()
-        without[places] += 1e4 * problem.scale[places]  # Out of sight.
-        if vuong_evidence(residual(values), residual(without)) < EVIDENCE:
-            found[ball] = names
-    return found
-
-
-def faint_balls(problem: Problem, values: Values) -> dict[str, tuple[str, ...]]:
-    """The balls with a free index near 1 and a free position: the names of these parameters, by the ball's name."""
-    scene, faint, positions, balls = problem.scene, dict[Address, str](), dict[str, list[str]](), dict[str, Block]()
-    for name, value in zip(problem.unknowns.names, values, strict=True):
-        address, block, attribute, _ = resolve(scene, name)
-        if attribute.quantity.role == "position" and address.component is not None:
-            positions.setdefault(block.name, []).append(name)
-            balls[block.name] = block
+    for ball in searched(problem, range(len(names)))[0]:
         # Such a ball deflects light by less than a tenth of a radian; a search that finds nothing ends still nearer.
-        elif attribute.quantity.role == "index" and abs(value - 1) < 0.05:
-            faint[address] = name
-    return {
-        ball: (name, *names)
-        for ball, names in positions.items()
-        for address, name in faint.items()
-        if is_material_of(scene, balls[ball], address)
-    }
+        if not ball.indices or np.any(np.abs(values[list(ball.indices)] - 1) >= 0.05):
+            continue
+        center, without = list(ball.axes.values()), values.copy()
+        without[center] += 1e4 * problem.scale[center]  # Out of sight.
+        if vuong_evidence(residual(values), residual(without)) < EVIDENCE:
+            found[ball.name] = tuple(names[place] for place in (*ball.indices, *center))
+    return found
 
 
 def with_open(uncertainty: Uncertainty, names: tuple[str, ...], opened: tuple[str, ...]) -> Uncertainty:

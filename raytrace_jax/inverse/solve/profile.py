@@ -1,6 +1,5 @@
 """The profile likelihood of a parameter: its interval where the cost is not a parabola."""
 
-import dataclasses
 import itertools
 
 import numpy as np
@@ -8,15 +7,10 @@ from jaxtyping import Float
 
 from raytrace_jax.inverse.judge.uncertainty import LARGEST_ERROR, Uncertainty
 from raytrace_jax.inverse.problem.problem import FitState
-from raytrace_jax.inverse.problem.unknowns import Values, Vector
 from raytrace_jax.inverse.result import PROFILE_95, Profile
-from raytrace_jax.inverse.solve.solvers import levenberg_marquardt
-from raytrace_jax.inverse.solve.steps import Recorder, hold
+from raytrace_jax.inverse.solve.solvers import LevenbergMarquardt, levenberg_marquardt
+from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.util.numerics import TINY
-
-FARTHEST_ERRORS = 3.0
-"""The reach of a profile to either side in standard errors, beyond the 1.96 of a parabola's 95 % interval. The interval
-of one that curves up less closes too, down to (1.96 / 3)^2 = 0.43 of a parabola's curvature."""
 
 
 def find_profile(
@@ -24,11 +18,12 @@ def find_profile(
 ) -> Profile:
     """Hold one parameter at values to both sides of its estimate and fit the others again at each.
 
-    Each point starts from its neighbour, moved along the regression of the other parameters on the held one.
+    Each point starts from its neighbour, moved along the regression of the other parameters on the held one. The values
+    reach to three standard errors on either side, beyond the 1.96 of a parabola's 95 % interval. The interval of a
+    profile that curves up less closes too, down to (1.96 / 3)^2 = 0.43 of a parabola's curvature.
     """
     problem = solution.problem
-    name = problem.unknowns.names[place]
-    estimate = problem.values(solution.y)
+    name, estimate = problem.unknowns.names[place], problem.values(solution.y)
     # The step of the held parameter, and how the others move with it.
     error = uncertainty.standard_error[place]
     if not np.isfinite(error):
@@ -36,7 +31,8 @@ def find_profile(
     errors = np.where(np.isfinite(uncertainty.standard_error), uncertainty.standard_error, 0)
     along = uncertainty.correlation[:, place] * errors / max(float(errors[place]), TINY)
     along[place] = 1.0
-    lowest = solution.linearization.cost
+    # Chi-square is about the number of residuals, a million at 640 x 480 pixels, of which a decrease of 1e-10 is 1e-4.
+    method = LevenbergMarquardt(max_steps, relative=1e-7, decrease=1e-10)
 
     # Go outwards on each side. Twice the rise of the cost, in units of the noise, is chi-square.
     points = {0.0: (estimate, 0.0)}
@@ -44,28 +40,18 @@ def find_profile(
         values = estimate
         # Six points, half a standard error apart. A root of the profile that bends like x + c x^2, in standard errors,
         # is off by at most c/16 between two of them, where it is taken for straight.
-        for step in side * FARTHEST_ERRORS * (np.arange(6) + 1) / 6:
+        for step in side * 0.5 * np.arange(1, 7):
             recorder.phase(f"profile of {name}, {step:+.2g} standard errors")
-            guess = values + along * (estimate[place] + step * error - values[place])
-            y, least = solve_held(solution, guess, place, max_steps)
-            values = problem.values(y)
-            points[float(step)] = values, 2 * (least - lowest) / uncertainty.sigma**2
+            guess = problem.y_of(values + along * (estimate[place] + step * error - values[place]))
+            least = levenberg_marquardt(problem, guess, solution.stage, method=method, held=[place])
+            values, rise = problem.values(least.y), least.linearization.cost - solution.linearization.cost
+            points[float(step)] = values, 2 * rise / uncertainty.sigma**2
     # Put both sides together, from the lowest value to the highest.
     ordered = [points[step] for step in sorted(points)]
     value = np.array([values[place] for values, _ in ordered])
     chi_square = np.array([square for _, square in ordered])
     others = np.stack([values for values, _ in ordered], axis=1)
     return Profile(name, value, chi_square, others, interval(value, chi_square))
-
-
-def solve_held(solution: FitState, guess: Values, place: int, max_steps: int) -> tuple[Vector, float]:
-    """Unknowns and cost with one parameter held."""
-    problem = solution.problem
-    start = problem.y_of(guess)
-    # Chi-square is about the number of residuals, a million at 640 x 480 pixels, of which a decrease of 1e-10 is 1e-4.
-    stage = dataclasses.replace(solution.stage, max_steps=max_steps, relative=1e-7, decrease=1e-10, rejected=3)
-    state = levenberg_marquardt(problem, start, stage, linearize=lambda y: hold(problem.linearize(y, stage), [place]))
-    return state.y, state.linearization.cost
 
 
 def interval(value: Float[np.ndarray, " points"], chi_square: Float[np.ndarray, " points"]) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """From a minimum of the small pictures to the answer: the unblurred picture, sampled as the target is."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import jax.numpy as jnp
@@ -8,23 +9,13 @@ import numpy as np
 
 from raytrace_jax.inverse.judge.structure import EVIDENCE, explains
 from raytrace_jax.inverse.judge.uncertainty import noise_level
+from raytrace_jax.inverse.observe import sampling
 from raytrace_jax.inverse.observe.resampled import resampled
-from raytrace_jax.inverse.observe.sampling import (
-    COARSE_SAMPLES,
-    Moments,
-    Sampling,
-    SamplingKind,
-    detect_grid,
-    lattice_size,
-    point_sampled,
-    sampled,
-    samples_of,
-)
 from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem.linearize import LOSSES
 from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.problem.unknowns import Image, Vector
-from raytrace_jax.inverse.solve.solvers import gauss_newton, levenberg_marquardt
+from raytrace_jax.inverse.problem.unknowns import Vector
+from raytrace_jax.inverse.solve.solvers import GaussNewton, LevenbergMarquardt, levenberg_marquardt, minimise
 from raytrace_jax.inverse.solve.steps import LocalMinimum, Recorder
 from raytrace_jax.util.numerics import MAD_TO_SIGMA, finite_or_last
 
@@ -35,7 +26,7 @@ def select_solution(
     level: int,
     options: FitOptions,
     recorder: Recorder,
-    detect: Callable[[Vector], SamplingKind],
+    detect: Callable[[Vector], sampling.SamplingKind],
 ) -> tuple[list[LocalMinimum], FitState]:
     """Solve the best minimum to the end, and those that the small pictures do not tell from it.
 
@@ -46,8 +37,6 @@ def select_solution(
         recorder.phase("telling how the target was sampled")
         options = dataclasses.replace(options, target_sampling=detect(minima[0].y))
     recorder.phase("solving on the whole picture")
-
-    # Solve the best minimum and its rivals to the end.
     # Small pictures are a coarse model: a runner-up is out only where twice the usual evidence is against it.
     rivals = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < 2 * EVIDENCE][:2]
     solutions: list[FitState] = []
@@ -58,22 +47,21 @@ def select_solution(
 
     # The best is now the one with the least loss. Losses compare at one scale only.
     loss_scale = max(solution.stage.loss_scale for solution in solutions)
-    ends = [
-        (minimum.summary.candidate, solution, solution.under_loss("residual", loss_scale))
-        for minimum, solution in zip((minima[0], *rivals), solutions, strict=True)
-    ]
-    ends.sort(key=lambda end: finite_or_last(float(np.sum(end[2] ** 2))))
-    _, winner, least = ends[0]
-
-    def at_end(candidate: int, solution: FitState, residual: Image) -> LocalMinimum:
-        minimum = LocalMinimum.of(solution, candidate, level)
-        return dataclasses.replace(minimum, residual=residual).judged_against(least)
-
-    best, *others = (at_end(*end) for end in ends)
+    ends: list[tuple[LocalMinimum, FitState]] = []
+    for minimum, solution in zip((minima[0], *rivals), solutions, strict=True):
+        end = LocalMinimum.of(solution, minimum.summary.candidate, level)
+        ends.append((end._replace(residual=solution.under_loss("residual", loss_scale)), solution))
+    ends.sort(key=lambda end: finite_or_last(float(np.sum(end[0].residual ** 2))))
+    best, winner = ends[0]
     # Starts that came together on the whole picture are one minimum, as far as solves stop apart.
-    distinct = [m for m in others if problem.distance(m.summary.value, best.summary.value) > 1e-3]
+    distinct = [end for end, _ in ends[1:] if problem.distance(end.summary.value, best.summary.value) > 1e-3]
     untouched = [minimum for minimum in minima[1:] if all(minimum is not rival for rival in rivals)]
-    return [best, *distinct, *untouched], winner
+    return [end.judged_against(best.residual) for end in (best, *distinct)] + untouched, winner
+
+
+def first_stage(stage: Stage) -> Stage:
+    """The first stage on the whole picture, in which the few point samples that an edge has passed are outliers."""
+    return dataclasses.replace(stage, loss="cauchy") if stage.edges == "point" else stage
 
 
 def refine(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder) -> FitState:
@@ -85,45 +73,31 @@ def refine(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder)
     pixel on its way, so that the fit ends with steps that do not ask (iteratively reweighted least squares).
 
     An edge-aware picture is nearly that of a box-filtered target. A picture of samples, which has no derivative of its
-    own, tells where it errs: it is what steps with the edge-aware derivative bring to the target (`settle`).
+    own, tells where it errs: it is what steps with the edge-aware derivative bring to the target (`settle`). A target
+    that is edge-aware itself needs no such steps; one that the picture does not explain is solved roughly, since its
+    structure moves the answer more.
     """
-    stage = options.last_stage
-    if stage.edges == "aware":
-        return refine_aware(problem, y, options, recorder)
-    problem = sampled(problem, Sampling(problem.base.samples))
-
-    # To about an error bar, since the steps that follow do not ask whether the cost falls.
-    near = dataclasses.replace(first_stage(stage), relative=1e-6, decrease=1e-6, rejected=1)
-    solution = solve_in_stages(problem, y, near, options.sigma, recorder)
-    solution = gauss_newton(solution, lambda y: FitState.at(problem, y, solution.stage), recorder.step)
-    return solution if stage.loss != "l2" else solve_in_stages(problem, solution.y, stage, options.sigma, recorder)
-
-
-def first_stage(stage: Stage) -> Stage:
-    """The first stage on the whole picture, in which the few point samples that an edge has passed are outliers."""
-    return dataclasses.replace(stage, loss="cauchy") if stage.edges == "point" else stage
-
-
-def refine_aware(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder) -> FitState:
-    """Solve an edge-aware picture; then correct it by samples like the target's, unless that is edge-aware itself.
-
-    A target that is, and that the picture does not explain, is solved roughly: its structure moves the answer more.
-    """
-    stage = options.last_stage
-    # Corrections, and what is not explained, move the answer by more than a hundredth of an error bar.
-    rough = dataclasses.replace(stage, relative=1e-6, decrease=1e-4, rejected=1)
-    solution = solve_in_stages(problem, y, rough, options.sigma, recorder)
-    if options.known_sampling == "aware":
-        return solve_in_stages(problem, solution.y, stage, options.sigma, recorder) if explains(solution) else solution
-    samples, coarse = samples_of(problem), None
-    if samples is None:
-        recorder.phase("telling the target's samples")
-        coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
-        samples = detect_grid(problem, solution.y, coarse, solution.linearization.pixel_jacobian)
-    return settle(sampled(problem, Sampling(samples)), solution, recorder, coarse)
+    stage, steps = options.last_stage, options.max_steps
+    if stage.edges == "point":
+        problem = sampling.sampled(problem, sampling.Sampling(problem.base.samples))
+        # To about an error bar, since the steps that follow do not ask whether the cost falls.
+        near = LevenbergMarquardt(steps, relative=1e-6, decrease=1e-6, rejected=1)
+        solution = solve_in_stages(problem, y, first_stage(stage), options.sigma, recorder, near)
+        solution = minimise(GaussNewton(), solution, lambda y: FitState.at(problem, y, solution.stage), recorder.step)
+        if stage.loss != "l2":
+            return solution
+    else:
+        # Corrections, and what is not explained, move the answer by more than a hundredth of an error bar.
+        rough = LevenbergMarquardt(steps, relative=1e-6, decrease=1e-4, rejected=1)
+        solution = solve_in_stages(problem, y, stage, options.sigma, recorder, rough)
+        if options.known_sampling != "aware":
+            return settle(problem, solution, recorder)
+        if not explains(solution):
+            return solution
+    return solve_in_stages(problem, solution.y, stage, options.sigma, recorder, LevenbergMarquardt(steps))
 
 
-def settle(problem: Problem, solution: FitState, recorder: Recorder, coarse: Moments | None = None) -> FitState:
+def settle(problem: Problem, solution: FitState, recorder: Recorder) -> FitState:
     """Take steps on the picture as it was observed; the edge-aware derivative leads.
 
     That picture has no derivative of use: it changes only where an edge crosses a sample, and then in a jump. But on
@@ -132,21 +106,26 @@ def settle(problem: Problem, solution: FitState, recorder: Recorder, coarse: Mom
     picture that changes by `S'` leaves `1 - A'^+ S'` of the error. A step samples the pixels at edges anew, which is
     cheap beside a derivative.
 
-    Args:
-        problem: its sampling is the target's. Where that is not known, pixels are taken for means over their area, and
-            ours have as many samples as it takes for their error to be a small part of the residual.
-        coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
+    The samples are the target's. Where these are not known and no grid stands out, pixels are taken for means over
+    their area, and ours have as many samples as it takes for their error to be a small part of the residual.
     """
-    stage, y, size, left = solution.stage, solution.y, lattice_size(), 4
-    whose = "a supersampled picture" if samples_of(problem) is None else "a picture of the target's own samples"
+    stage, y, size, left = solution.stage, solution.y, sampling.lattice_size(), 4
+    samples, coarse = sampling.samples_of(problem), None
+    if samples is None:
+        recorder.phase("telling the target's samples")
+        coarse = sampling.point_sampled(problem, y, sampling.COARSE_SAMPLES)
+        samples = sampling.detect_grid(problem, y, coarse, solution.linearization.pixel_jacobian)
+        problem = sampling.sampled(problem, sampling.Sampling(samples))
+    whose = "a supersampled picture" if samples is None else "a picture of the target's own samples"
     # Again with more samples, or with another derivative and list of pixels, which hold up to a tenth of a pixel of a
     # large ball. What is not explained will not be explained by them.
     while True:
         recorder.phase(f"comparing with {whose}")
         picture = resampled(problem, y, stage, size, coarse)
-        lowest = gauss_newton(picture.state(y, stage), lambda y, near=picture: near.state(y, stage), recorder.step)
+        near = functools.partial(picture.state, stage=stage)
+        lowest = minimise(GaussNewton(), near(y), near, recorder.step)
         wanted, coarse, left = max(size, picture.needed_size(lowest)), None, left - 1
-        moved = problem.distance(problem.values(lowest.y), problem.values(problem.array(picture.y)))
+        moved = problem.distance(problem.values(lowest.y), problem.values(y))
         if (moved < 1e-3 and wanted == size) or left == 0 or not explains(lowest):
             break
         y, size = lowest.y, wanted
@@ -154,40 +133,35 @@ def settle(problem: Problem, solution: FitState, recorder: Recorder, coarse: Mom
     aware = problem.picture(lowest.y, stage.edges)
     bias = np.asarray(lowest.linearization.image) - np.asarray(aware.image)
     observed = dataclasses.replace(problem, observation=problem.observation.with_bias(bias))
-    observed = sampled(observed, Sampling(samples_of(problem), picture.confusion()))
+    observed = sampling.sampled(observed, sampling.Sampling(samples, picture.confusion()))
     linearization = observed.linearize(lowest.y, stage)
     settled = lowest.settled and linearization.is_finite
     return dataclasses.replace(lowest, problem=observed, linearization=linearization, settled=settled)
 
 
-def solve_in_stages(problem: Problem, y: Vector, stage: Stage, sigma: float | None, recorder: Recorder) -> FitState:
+def solve_in_stages(
+    problem: Problem, y: Vector, stage: Stage, sigma: float | None, recorder: Recorder, method: LevenbergMarquardt
+) -> FitState:
     """Solve from `y`, once, or in stages.
 
     The scale of a robust loss follows the typical residual down, stage by stage: near the answer few residuals are
     large, and the loss lets the others decide. If the noise is not known, but there are priors, it is estimated stage
     by stage too: priors count beside it.
     """
-    # Stages need the residual of the stage before, and the first one that of the start.
-    y = problem.array(y)
     has_prior = np.any(np.asarray(problem.prior.precision) > 0)
-    in_stages = stage.loss != "l2" or (has_prior and sigma is None)
-    before: FitState | None = None
-    if in_stages:
-        before = FitState.at(problem, y, dataclasses.replace(stage, loss_scale=1.0))
+    if stage.loss == "l2" and (sigma is not None or not has_prior):
+        return levenberg_marquardt(problem, y, dataclasses.replace(stage, noise=sigma or 0.0), recorder.step, method)
+    # Each stage needs the residual of the one before, and the first one that of the start.
+    solution = FitState.at(problem, problem.array(y), dataclasses.replace(stage, loss_scale=1.0))
     # Where the picture fits exactly the scale is 1e-12 or ten roundings: 1e-15 to 1e-6 do the same.
     least = max(1e-12, 10 * float(jnp.finfo(problem.observation.target.dtype).eps))
-    stage = dataclasses.replace(stage, noise=sigma or 0.0)
-    number = 0
-    while True:
-        if before is not None:
-            noise = sigma if sigma is not None else noise_level(before)
-            scatter = max(MAD_TO_SIGMA * float(before.linearization.typical), sigma or 0.0, least)
-            loss_scale = LOSSES[stage.loss].tuning * scatter
-            stage = dataclasses.replace(stage, noise=noise, loss_scale=loss_scale)
-        solution = levenberg_marquardt(problem, y, stage, recorder.step)
-        # Go on while the typical residual falls by three tenths or more: ten stages take off a factor of 35.
-        if before is None or not solution.settled or number == 9:
-            return solution
-        if float(solution.linearization.typical) > 0.7 * float(before.linearization.typical):
-            return solution
-        y, before, number = solution.y, solution, number + 1
+    # Go on while the typical residual falls by three tenths or more: ten stages take off a factor of 35.
+    for _ in range(10):
+        before = float(solution.linearization.typical)
+        noise = sigma if sigma is not None else noise_level(solution)
+        scale = LOSSES[stage.loss].tuning * max(MAD_TO_SIGMA * before, sigma or 0.0, least)
+        stage = dataclasses.replace(stage, noise=noise, loss_scale=scale)
+        solution = levenberg_marquardt(problem, solution.y, stage, recorder.step, method)
+        if not solution.settled or float(solution.linearization.typical) > 0.7 * before:
+            break
+    return solution

@@ -1,8 +1,8 @@
 """The search: a scan of small pictures for places, the best of them solved coarse to fine, and what they led to."""
 
-import dataclasses
 import warnings
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -11,13 +11,12 @@ from scipy import ndimage
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import blurred
 from raytrace_jax.inverse.options import FitOptions, Stage
-from raytrace_jax.inverse.problem.linearize import Linearization
 from raytrace_jax.inverse.problem.prediction import develop_best
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Values, Vector
 from raytrace_jax.inverse.solve.candidates import groups, table
-from raytrace_jax.inverse.solve.solvers import levenberg_marquardt
-from raytrace_jax.inverse.solve.steps import LocalMinimum, Recorder, hold
+from raytrace_jax.inverse.solve.solvers import LevenbergMarquardt, levenberg_marquardt
+from raytrace_jax.inverse.solve.steps import LocalMinimum, Recorder
 from raytrace_jax.scene.response import FILM_EFFECTS
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.scene.setting_words import EdgeMode
@@ -27,22 +26,17 @@ LEAST_SIGNAL = 0.3
 """A level is too coarse if its blur leaves less than this fraction of the residual that a solve starts from. With 0.15
 and 0.6 a search takes a third to nine tenths more steps at times (experiments/tuning)."""
 
-SAME_MINIMUM = 0.03
-"""Minima nearer than this, in natural scales of the parameters, are one; half and double do the same."""
-
-SCAN_BLUR = 1.0
-"""Standard deviation of the blur of a scan's pictures in their pixels, since they are sampled at points."""
-
-AT_ONCE = 50
-"""Pictures of a scan between which the user can interrupt it."""
-
-LEAST_SOLVES, MOST_SOLVES = 2, 5
-"""Places that are solved even if the first explains the picture, lest a second answer is missed, and while none does. A
-least of one takes half the steps, of four three times as many (experiments/tuning)."""
+LEAST_SOLVES = 2
+"""Places that are solved even if the first explains the picture, lest a second answer is missed. One takes half the
+steps, four three times as many (experiments/tuning)."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Levels:
+SCAN_BLUR, AT_ONCE = 1.0, 50
+"""Blur of a scan's pictures in their pixels, since they are sampled at points; and the number of pictures between which
+the user can interrupt it."""
+
+
+class Levels(NamedTuple):
     """The levels of a coarse-to-fine solve.
 
     Args:
@@ -59,7 +53,7 @@ class Levels:
 
 
 def choose_levels(problem: Problem, options: FitOptions) -> Levels:
-    """The levels on small pictures: those asked for, or those that suit the target's size.
+    """The levels on small pictures that are asked for, or suit the target's size.
 
     There are none where one start is to be solved without blur: that is the whole picture's own solve.
     """
@@ -94,47 +88,39 @@ def descend(
     A solve that comes to a minimum that is already `known` is given up: None. So is one that is far worse on a blurred
     level than a minimum that explains the picture.
     """
-    y = problem.y_of(start)
-    state = FitState.at(problem, y, Stage(edges, binning=levels.binning_at(max(levels.blurs, default=0.0))))
+    first = Stage(edges, binning=levels.binning_at(max(levels.blurs, default=0.0)))
+    state = FitState.at(problem, problem.y_of(start), first)
     for level, blur in enumerate(levels.blurs):
         # Leave out a level whose blur takes away what is still off from here.
         if blur > 0 and signal_left(state, blur) < LEAST_SIGNAL:
             continue
-        # A tenth of an error bar, the root of 1e-2, is enough for the next level's start; of the last one minima are
-        # compared. A solve that needs more than 25 steps is not on its way to the answer.
-        stage = Stage(
-            edges,
-            blur,
-            levels.binning_at(blur),
-            noise=state.rms_residual,
-            max_steps=25,
-            relative=1e-3 if blur > 0 else 1e-4,
-            decrease=1e-2 if blur > 0 else 1e-4,
-            rejected=2,
-        )
+        stage = Stage(edges, blur, levels.binning_at(blur), noise=state.rms_residual)
+        # The next level's start need not be as near as the end, by which minima are compared. A solve that needs more
+        # than 25 steps is not on its way to the answer.
+        relative, decrease = (1e-3, 1e-2) if blur > 0 else (1e-4, 1e-4)
+        method = LevenbergMarquardt(25, relative, decrease, rejected=2)
         recorder.begin(candidate, level, blur, leads=candidate == 0)
         held = held_under(problem, state.y, blur)
-
-        def linearize(y: Vector, stage: Stage = stage, held: Sequence[int] = held) -> Linearization:
-            return hold(problem.linearize(y, stage), held)
-
-        state = levenberg_marquardt(problem, state.y, stage, recorder.step, linearize)
-        here = problem.values(state.y)
-        if any(problem.distance(here, minimum.summary.value) < SAME_MINIMUM for minimum in known):
+        state = levenberg_marquardt(problem, state.y, stage, recorder.step, method, held)
+        if any(is_same(problem, problem.values(state.y), minimum.summary.value) for minimum in known):
             return None
-        if blur > 0 and known and known[0].summary.explained:
-            best = problem.linearize(known[0].y, stage)
-            if state.linearization.cost > 100.0 * best.cost:  # A residual ten times as large.
-                return None
+        rival = known[0] if blur > 0 and known and known[0].summary.explained else None
+        # A residual ten times as large.
+        if rival is not None and state.linearization.cost > 100.0 * problem.linearize(rival.y, stage).cost:
+            return None
     return state
+
+
+def is_same(problem: Problem, one: Values, other: Values) -> bool:
+    """Whether two minima are one: in natural scales of the parameters. Half and double do the same."""
+    return problem.distance(one, other) < 0.03
 
 
 def held_under(problem: Problem, y: Vector, blur: float) -> list[int]:
     """The places of the film's unknowns that a blurred level holds, for a sharp picture tells them better.
 
-    What the scene lacks, such as a shade on a board, is large where all that is fine is blurred. It would drive gain
-    and offset anywhere, which every start has best, and a blur that is less than the level's: together they have gone
-    to 3.7 (.9), -1.2 (.02) and 11 pixels (1) from a right start, and with them what is sought.
+    What the scene lacks, such as a shade on a board, is large where all that is fine is blurred. It would drive gain,
+    offset, and a blur that is less than the level's anywhere, and with them what is sought.
     """
     effects, values = problem.camera.free_effects, problem.values(y)
     squared = {effect.name for effect in FILM_EFFECTS if effect.is_squared}
@@ -148,9 +134,8 @@ def signal_left(state: FitState, blur: float) -> float:
     A blur beyond half the period of what differs leaves nothing of it, and a solve would follow what happens to
     remain. Near the answer, where only edges are a little off, little is left too, and no blur is needed.
     """
-    residual = state.residual
-    left = blurred(residual, blur / state.stage.binning)
-    return float(np.linalg.norm(left)) / max(float(np.linalg.norm(residual)), TINY)
+    left = blurred(state.residual, blur / state.stage.binning)
+    return float(np.linalg.norm(left) / max(np.linalg.norm(state.residual), TINY))
 
 
 def evaluate(
@@ -161,13 +146,12 @@ def evaluate(
     The measure is the root mean square of the blurred, weighted difference; infinite where a picture is not finite. The
     numbers of the film in which the picture is linear, such as its gain, take their best values.
     """
-    observation = problem.binned(binning)
+    observation, raster = problem.binned(binning), problem.raster(binning)
     target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
-    raster = problem.raster(binning)
     points = raster.points(*raster.places)
     costs, found = [], np.array(values, np.float64)
     for some in np.array_split(np.arange(len(values)), -(-len(values) // AT_ONCE)):
-        # As many scenes each time: another number of them is another program.
+        # As many each time: another number of them is another program.
         scenes = problem.scenes_with(np.resize(found[some], (AT_ONCE, found.shape[1])))
         wanted = map_scenes(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
         images = problem.model.points(wanted, points, problem.base).reshape(-1, *target.shape)
@@ -186,7 +170,6 @@ def best_films(
     binning: int,
 ) -> tuple[Float[np.ndarray, "pictures parameters"], Float[np.ndarray, "pictures 3 height width"]]:
     """Rows of values whose linear numbers of the film are best for the target, and the pictures that they make."""
-    # As many each time: another number of them is another program.
     found = develop_best(
         problem.array(np.resize(rows, (AT_ONCE, *rows.shape[1:]))),
         problem.array(np.resize(light, (AT_ONCE, *light.shape[1:]))),
@@ -201,8 +184,8 @@ def best_films(
     return best, images
 
 
-def scan(problem: Problem, tell: Callable[[int], None]) -> list[tuple[float, Values]]:
-    """Cost and values of the places from which a solve is worth while, best first.
+def scan(problem: Problem, tell: Callable[[int], None]) -> list[Values]:
+    """The places from which a solve is worth while, best first.
 
     Spheres are searched one after the other, with those before at the best place found. Two grids are tried for each:
     all indices at positions near the start, and a few indices at positions anywhere in the picture. A place is worth
@@ -211,13 +194,12 @@ def scan(problem: Problem, tell: Callable[[int], None]) -> list[tuple[float, Val
     """
     # 40 x 30, and 80 x 60, in which a ball still has an outline.
     first, binning = (binning_to(problem, pixels) for pixels in (1_200, 5_000))
-    initial = problem.unknowns.initial(problem.scene)
-    (cost,), (initial,) = evaluate(problem, initial[None], binning, tell)
-    best = initial
+    (cost,), (initial,) = evaluate(problem, problem.unknowns.initial(problem.scene)[None], binning, tell)
     seeds = [(float(cost), initial)]
     for grids in groups(problem):
+        best = seeds[0][1]
         for grid in grids:
-            rows = np.array(list(table(best, grid)))
+            rows = table(best, grid)
             costs, _ = evaluate(problem, rows, first, tell)
             shape = [size for choice in grid for size in choice.values.shape[:-1]]
             lowest = ndimage.minimum_filter(costs.reshape(shape), size=3, mode="nearest").reshape(-1)
@@ -226,9 +208,8 @@ def scan(problem: Problem, tell: Callable[[int], None]) -> list[tuple[float, Val
                 costs, rows = evaluate(problem, rows, binning, tell)
                 seeds += [(float(c), row) for c, row in zip(costs, rows, strict=True) if c < np.inf]
         seeds.sort(key=lambda seed: seed[0])
-        best = seeds[0][1]
     # The start has no neighbours on a grid to be compared with: it stays only if it is the best of all.
-    return [seed for seed in seeds if seed[1] is not initial or seed is seeds[0]]
+    return [row for k, (_, row) in enumerate(seeds) if k == 0 or row is not initial]
 
 
 def find_minima(
@@ -255,7 +236,7 @@ def find_minima(
     for start in find_starts(problem, scanned, recorder):
         # Take the next start that is not like one before, unless there is answer enough.
         enough = len(tried) >= LEAST_SOLVES and any(minimum.summary.explained for minimum in minima)
-        if enough or len(tried) >= MOST_SOLVES:
+        if enough or len(tried) == 5:
             break
         if any(problem.distance(start, other) < 0.1 for other in tried):
             continue
@@ -265,18 +246,14 @@ def find_minima(
         tried.append(start)
         if end is None:
             continue
-        state = FitState.at(problem, end.y, Stage(edges, binning=levels.binning))
-        if not state.linearization.is_finite:
+        if not end.linearization.is_finite:
             place = ", ".join(f"{name} {value:.6g}" for name, value in zip(problem.unknowns.names, start, strict=True))
-            warnings.warn(
-                f"start {candidate + 1} ({place}) is left out: its picture, or a derivative of it, is not finite.",
-                PictureWarning,
-                stacklevel=2,
-            )
+            words = f"start {candidate + 1} ({place}) is left out: its picture, or a derivative of it, is not finite."
+            warnings.warn(words, PictureWarning, stacklevel=2)
             continue
         # Put its minimum among the others; the best so far is the answer if the fit is stopped.
         is_first = not minima
-        minima = with_minimum(problem, minima, LocalMinimum.of(state, candidate, max(len(levels.blurs) - 1, 0)))
+        minima = with_minimum(problem, minima, LocalMinimum.of(end, candidate, max(len(levels.blurs) - 1, 0)))
         recorder.found(answer=minima[0].y)
         if is_first:
             on_first(minima[0])
@@ -285,7 +262,7 @@ def find_minima(
             "the fit has nowhere to begin: the picture of every start, or a derivative of it, is not finite. Look at "
             "the scene's numbers, or start elsewhere."
         )
-    return [minima[0], *(minimum.judged_against(minima[0].residual) for minimum in minima[1:])]
+    return [minimum.judged_against(minima[0].residual) for minimum in minima]
 
 
 def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[Values]:
@@ -296,15 +273,14 @@ def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[Val
         if problem.camera.linear_indices:
             _, start = evaluate(problem, start, binning_to(problem, 5_000), lambda pictures: None)
         return [*start]
-    done = 0
+    told = [0]
 
     def tell(pictures: int) -> None:
-        nonlocal done
-        done += pictures
-        recorder.phase(f"scanning, {done} pictures")
+        told.append(told[-1] + pictures)
+        recorder.phase(f"scanning, {told[-1]} pictures")
 
     recorder.phase("scanning: compiling")
-    return [values for _, values in scan(problem, tell)]
+    return scan(problem, tell)
 
 
 def with_minimum(problem: Problem, minima: list[LocalMinimum], new: LocalMinimum) -> list[LocalMinimum]:
@@ -313,8 +289,6 @@ def with_minimum(problem: Problem, minima: list[LocalMinimum], new: LocalMinimum
     def size(minimum: LocalMinimum) -> float:
         return minimum.summary.rms_residual
 
-    def is_same(minimum: LocalMinimum) -> bool:
-        return problem.distance(new.summary.value, minimum.summary.value) < SAME_MINIMUM
-
-    best = min([*filter(is_same, minima), new], key=size)
-    return sorted([*(minimum for minimum in minima if not is_same(minimum)), best], key=size)
+    same = [one for one in minima if is_same(problem, new.summary.value, one.summary.value)]
+    others = [one for one in minima if all(one is not other for other in same)]
+    return sorted([*others, min([*same, new], key=size)], key=size)

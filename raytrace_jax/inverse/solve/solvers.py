@@ -1,8 +1,8 @@
-"""The two solvers of a picture: Levenberg and Marquardt's, and Gauss-Newton steps on a problem that is corrected."""
+"""The two solvers of a picture, Levenberg-Marquardt and Gauss-Newton steps, as two methods of one loop."""
 
 import dataclasses
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
 
 import equinox as eqx
@@ -10,50 +10,89 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem.linearize import Linearization
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Values, Vector
-from raytrace_jax.inverse.solve.steps import (
-    Record,
-    Step,
-    clip,
-    iterate,
-    project_gradient,
-    project_on_range,
-    shorten_step,
-)
+from raytrace_jax.inverse.solve.steps import Record, project_gradient, shorten_step
 from raytrace_jax.util.numerics import TINY
 
-ROUNDINGS = 4
-"""A change of so many roundings of the dtype is none, whatever a tolerance says."""
 
+def minimise(
+    method: "LevenbergMarquardt | GaussNewton", start: FitState, look: Callable[[Vector], FitState], record: Record
+) -> FitState:
+    """Step from `start` until the method ends, or has taken its `max_steps`; the best place that was seen.
 
-class LinearModel(NamedTuple):
-    """The rotated residual and its derivative at `origin`: a few numbers on one device, whose count no size changes."""
-
-    origin: Vector
-    residual: Float[Array, " rows"]
-    jacobian: Float[Array, "rows parameters"]
-
-
-def linear_residual(y: Vector, model: LinearModel):
-    """The residual as a function of the unknowns, exact at the point where the solver asks for it.
-
-    Levenberg-Marquardt asks for value and derivative at one point a step. Another program computes these beforehand. So
-    the solver's own step is tiny, compiles in no time, and knows nothing of pictures.
+    A method has the contract of optimistix: `init` makes its memory; `step` judges the place that was seen, the start
+    at first, and chooses the next, which `look` sees; `terminate` says whether the solve is at rest, None while it goes
+    on. A start that is not finite ends the solve, for no step from there is known.
     """
-    return model.residual + model.jacobian @ (y - model.origin), None
+    if not start.linearization.is_finite:
+        record(start.linearization.cost, False, start.y)
+        return start
+    best, to = start, start.y
+    memory: Any = method.init(start)
+    for number in range(method.max_steps + 1):
+        seen = look(to) if number else start
+        best, to, memory = method.step(best, seen, memory)
+        settled = method.terminate(best, memory)
+        record(best.linearization.cost, best.linearization is seen.linearization, best.y)
+        if settled is not None:
+            return dataclasses.replace(best, settled=settled)
+    return best
 
 
 class Trust(NamedTuple):
-    """Levenberg-Marquardt's memory: optimistix' state, and how many steps in a row were rejected."""
+    """Levenberg-Marquardt's memory: optimistix' solver, its state, whether it is done, and rejected steps in a row."""
 
+    solver: optx.LevenbergMarquardt
     state: Any
-    rejected: int
+    done: bool = False
+    rejected: int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class LevenbergMarquardt:
+    """Steps that lower the sum of squares. What is not finite is never accepted: the solver shortens its step.
+
+    Three tests end it, since none sees all ends: of a picture that fits to rounding the linear model promises to take
+    away all of the cost, and one that jumps lets no step lower the cost, whatever is promised.
+
+    Args:
+        relative: change of unknowns and cost in proportion to themselves (float32 stops where it resolves no more).
+        decrease: fraction of the cost that the linear model still takes away: the estimate's squared error in units of
+            its error bar, up to the number of residuals (the relative offset of Bates and Watts 1981).
+        rejected: rejected steps in a row: no shorter step helps either.
+    """
+
+    max_steps: int = 60
+    # A solve that ends on the answer, so that targets without noise are met.
+    relative: float = 1e-9
+    decrease: float = 1e-10
+    rejected: int = 3
+
+    def init(self, start: FitState) -> Trust:
+        limit = jnp.maximum(jnp.asarray(self.relative, start.y.dtype), resolution(start.y.dtype))
+        # `limit` is an array, not the float that the annotation says: a new tolerance must not compile anew.
+        solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
+        return Trust(solver, init(solver, start.y, linear_model(start)))
+
+    def step(self, best: FitState, seen: FitState, memory: Trust) -> tuple[FitState, Vector, Trust]:
+        y, state, done = advance(memory.solver, best.y, linear_model(seen), memory.state)
+        accepted = seen.linearization.is_finite and bool(jnp.all(y == seen.y))
+        best, rejected = (seen, 0) if accepted else (best, memory.rejected + 1)
+        # Have it try a point that is possible.
+        to = shorten_step(best.problem, best.y, state.y_eval)
+        state = eqx.tree_at(lambda state: state.y_eval, state, to)
+        return best, to, Trust(memory.solver, state, bool(done), rejected)
+
+    def terminate(self, best: FitState, memory: Trust) -> bool | None:
+        free = project_gradient(best)
+        promised = promised_decrease(free) / max(np.sum(np.asarray(free.residual, np.float64) ** 2), TINY)
+        ends = memory.done or memory.rejected >= self.rejected or promised < self.decrease
+        return True if ends else None
 
 
 def levenberg_marquardt(
@@ -61,142 +100,135 @@ def levenberg_marquardt(
     y: Vector,
     stage: Stage,
     record: Record = lambda *step: None,
-    linearize: Callable[[Vector], Linearization] | None = None,
+    method: LevenbergMarquardt = LevenbergMarquardt(),
+    held: Sequence[int] = (),
 ) -> FitState:
-    """Minimise the sum of squares from `y`.
+    """Minimise the sum of squares from `y`; the unknowns at the places `held` stay."""
 
-    A point whose cost or derivatives are not finite is never accepted: the solver shortens its step. If the start is
-    such a point, no step is known, and the solve ends there without having come to rest.
+    def look(y: Vector) -> FitState:
+        state = FitState.at(problem, y, stage)
+        if not held:
+            return state
+        # A solver that sees no derivative along an unknown leaves it.
+        triangle = np.array(state.linearization.jacobian)
+        triangle[:, list(held)] = 0
+        still = dataclasses.replace(state.linearization, jacobian=jnp.asarray(triangle))
+        return dataclasses.replace(state, linearization=still)
+
+    return minimise(method, look(problem.array(np.clip(np.asarray(y), *problem.unknowns.reach))), look, record)
+
+
+def linear_model(state: FitState) -> tuple[Vector, jax.Array, jax.Array]:
+    """The unknowns, the rotated residual and its derivative, by way of the host: they may lie on several devices.
+
+    Levenberg-Marquardt asks for value and derivative at one point a step. Another program computes these few numbers
+    beforehand. So the solver's own step is tiny, compiles in no time, and knows nothing of pictures.
     """
-    limit = jnp.maximum(jnp.asarray(stage.relative, y.dtype), ROUNDINGS * jnp.finfo(y.dtype).eps)
-    # `limit` is an array, not the float that the annotation says: a new tolerance must not compile anew.
-    solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
+    free = project_gradient(state)
+    return state.y, jnp.asarray(np.asarray(free.residual)), jnp.asarray(np.asarray(free.jacobian))
 
-    def at(y: Vector) -> FitState:
-        linearization = problem.linearize(y, stage) if linearize is None else linearize(y)
-        return FitState(problem, y, stage, linearization)
 
-    def model_of(seen: FitState) -> LinearModel:
-        projected = project_gradient(seen.linearization, seen.y, problem.unknowns)
-        numbers = (np.asarray(part) for part in (projected.residual, projected.jacobian))
-        return LinearModel(seen.y, *map(jnp.asarray, numbers))
-
-    def look(last: Step[Trust], y: Vector) -> FitState:
-        return last.best if y is last.best.y else at(y)
-
-    def propose(last: Step[Trust], seen: FitState) -> Step[Trust]:
-        # Let the solver accept or reject the point, and choose the next one. It rejects what is not finite.
-        y, state, done = advance(solver, last.best.y, model_of(seen), last.memory.state)
-        accepted = seen.linearization.is_finite and bool(jnp.all(y == seen.y))
-        best, rejected = (seen, 0) if accepted else (last.best, last.memory.rejected + 1)
-        # Stop where no step is worth taking: the linear model takes away the fraction of the cost that J spans.
-        projected = project_gradient(best.linearization, best.y, problem.unknowns)
-        squares = np.sum(np.asarray(projected.residual, np.float64) ** 2)
-        promised = float(np.sum(project_on_range(projected) ** 2) / max(squares, TINY))
-        if bool(done) or rejected >= stage.rejected or promised < stage.decrease:
-            return Step(dataclasses.replace(best, settled=True), accepted, None, Trust(state, rejected))
-        # Have it try a point that is possible.
-        to = jnp.asarray(shorten_step(problem, best.y, state.y_eval), y.dtype)
-        state = eqx.tree_at(lambda state: state.y_eval, state, to)
-        return Step(best, accepted, to, Trust(state, rejected))
-
-    start = at(jnp.asarray(clip(y, problem.unknowns), y.dtype))
-    if not start.linearization.is_finite:
-        record(start.linearization.cost, False, start.y)
-        return start
-    begin = Step(start, True, start.y, Trust(init(solver, start.y, model_of(start)), 0))
-    return iterate(begin, look, propose, stage.max_steps + 1, record)
+def linear_residual(y: Vector, model):
+    origin, residual, jacobian = model
+    return residual + jacobian @ (y - origin), None
 
 
 @eqx.filter_jit
-def init(solver, y, model: LinearModel):
-    """The solver's first state."""
-    residual = jax.eval_shape(lambda: model.residual)
+def init(solver, y, model):
+    residual = jax.eval_shape(lambda: model[1])
     return solver.init(linear_residual, y, model, {"jac": "fwd"}, residual, None, frozenset())
 
 
 @eqx.filter_jit
-def advance(solver, y, model: LinearModel, state):
-    """One step: accept or reject the point that was tried, and choose the next one."""
-    options = {"jac": "fwd"}
-    y, state, _ = solver.step(linear_residual, y, model, options, state, frozenset())
-    done, _ = solver.terminate(linear_residual, y, model, options, state, frozenset())
+def advance(solver, y, model, state):
+    y, state, _ = solver.step(linear_residual, y, model, {"jac": "fwd"}, state, frozenset())
+    done, _ = solver.terminate(linear_residual, y, model, {"jac": "fwd"}, state, frozenset())
     return y, state, done
-
-
-FARTHEST = 0.1
-"""The trust radius of a step, in natural scales, beyond which the linear model does not hold: a longer one is not taken
-and is the last. From near the answer 0.05 and 0.2 do the same."""
 
 
 class Pace(NamedTuple):
     """Gauss-Newton's memory.
 
     Args:
-        promised: by how much the step from the best place would lower the sum of squares, were the problem linear.
+        promised: what the step from the best place promises to take off the sum of squares.
         in_vain: steps in a row whose end promises more than half of that.
+        move, reach: length of the next step in standard errors, 0 if it is one of rounding, and in natural scales.
     """
 
-    promised: float
-    in_vain: int
+    promised: float = np.inf
+    in_vain: int = 0
+    move: float = 0.0
+    reach: float = 0.0
 
 
-def gauss_newton(start: FitState, look: Callable[[Vector], FitState], record: Record, rounds: int = 20) -> FitState:
-    """Take steps without asking for a lower cost, and return the place from which the next one would be shortest.
+@dataclasses.dataclass(frozen=True)
+class GaussNewton:
+    """Steps that do not ask for a lower cost; the best place is that from which the next step would be shortest.
 
     A picture of points or of samples jumps where an edge crosses one, so that its cost holds up a solver that asks it
     to fall. A step is the estimate's distance from the answer as the derivative sees it, and its measure is what it
-    promises to take off the sum of squares: `|P r|^2`, P projecting on the span of the Jacobian (the relative offset of
-    Bates and Watts 1981). The steps end where a step is a tenth of a standard error or rounding, where it leaves the
-    neighbourhood in which the derivative holds, or when two in a row did not halve it. What is left, the step
-    that was not taken, is part of the answer's error.
-
-    A point whose cost or derivatives are not finite is not taken. The steps then end at the point before, with a
-    warning, and the solver has not come to rest.
+    promises to take off the sum of squares. What is left, the step that was not taken, is part of the answer's error.
+    A place that is not finite is not taken: the steps end before it, with a warning, and not at rest.
 
     Args:
-        start: where to begin, as `look` sees it.
-        look: the problem near a point.
+        move: a step of so few standard errors is none.
+        trust: radius in natural scales within which the linear model holds: a longer step is not taken, and the place
+            is none of rest. From near the answer half and double do the same.
     """
 
-    def propose(last: Step[Pace], seen: FitState) -> Step[Pace]:
-        linearization, problem = seen.linearization, seen.problem
-        if not linearization.is_finite:
+    max_steps: int = 19
+    move: float = 0.1
+    trust: float = 0.1
+
+    def init(self, start: FitState) -> Pace:
+        return Pace()
+
+    def step(self, best: FitState, seen: FitState, memory: Pace) -> tuple[FitState, Vector, Pace]:
+        problem = seen.problem
+        if not seen.linearization.is_finite:
             words = "a picture or a derivative has values that are not finite: the last steps of the fit end before it."
             warnings.warn(words, RuntimeWarning, stacklevel=2)
-            return Step(dataclasses.replace(last.best, settled=False, next_move=0.0), False, None, last.memory)
-        # Measure the step, and see whether the one before was worth it.
-        free = project_gradient(linearization, seen.y, problem.unknowns)
-        promised = float(np.sum(project_on_range(free) ** 2))
-        in_vain = 0 if promised < 0.5 * last.memory.promised else last.memory.in_vain + 1
+            return dataclasses.replace(best, settled=False, next_move=0.0), best.y, Pace()
+        free = project_gradient(seen)
+        promised = promised_decrease(free)
+        in_vain = 0 if promised < 0.5 * memory.promised else memory.in_vain + 1
         # The loss's own curvature makes longer steps than its weights, which overshoot where residuals are roundings.
-        step, move = gauss_newton_step(free, curved=in_vain == 0), move_in_errors(free)
-        to = problem.array(shorten_step(problem, seen.y, seen.y + step))
+        step, here = gauss_newton_step(free, curved=in_vain == 0), np.asarray(seen.y)
+        to = shorten_step(problem, seen.y, seen.y + step)
+        rounding = resolution(here.dtype) * np.maximum(np.abs(here), 1)
+        move = 0.0 if np.all(np.abs(np.asarray(to) - here) <= rounding) else move_in_errors(free)
         reach = problem.distance(problem.values(to), problem.values(seen.y))
-        best, is_best = last.best, promised < last.memory.promised
-        if is_best:
-            best = dataclasses.replace(seen, settled=reach < FARTHEST, next_step=step, next_move=move)
-        # Choose the next place, or end.
-        here = np.asarray(seen.y)
-        rounding = ROUNDINGS * np.finfo(here.dtype).eps * np.maximum(np.abs(here), 1)
-        is_no_step = move < 0.1 or bool(np.all(np.abs(np.asarray(to) - here) <= rounding))
-        ends = is_no_step or in_vain == 2 or reach >= FARTHEST
-        return Step(best, is_best, None if ends else to, Pace(min(promised, last.memory.promised), in_vain))
+        if promised < memory.promised:
+            best = dataclasses.replace(seen, settled=reach < self.trust, next_step=step, next_move=move)
+        return best, to, Pace(min(promised, memory.promised), in_vain, move, reach)
 
-    begin = Step(start, True, start.y, Pace(np.inf, 0))
-    return iterate(begin, lambda last, y: start if y is start.y else look(y), propose, rounds, record)
+    def terminate(self, best: FitState, memory: Pace) -> bool | None:
+        # Single pixels that jump make steps go to and fro by about a standard error: two in vain are the end.
+        ends = memory.move < self.move or memory.in_vain == 2 or memory.reach >= self.trust
+        return best.settled if ends else None
+
+
+def resolution(dtype) -> float:
+    """A change of four roundings is none."""
+    return 4 * float(jnp.finfo(dtype).eps)
+
+
+def promised_decrease(linearization: Linearization) -> float:
+    """What the linear problem takes off the sum of squares: `|P r|^2`, P projecting on the Jacobian's span."""
+    triangle = np.asarray(linearization.jacobian, np.float64)
+    residual = np.asarray(linearization.residual, np.float64)
+    moves = np.any(triangle != 0, axis=0)
+    # The triangle's own rows span it unless columns were set to 0; the last row holds what no parameter explains.
+    spanned = residual[:-1] if moves.all() else np.linalg.qr(triangle[:, moves])[0].T @ residual
+    return float(np.sum(spanned**2))
 
 
 def gauss_newton_step(linearization: Linearization, curved: bool = True) -> Values:
     """The step to the minimum of the loss near a point; it is 0 along what the picture does not determine.
 
     Least squares with the loss's weights take the weights for fixed and come up short, since a residual that grows
-    counts less: each step leaves `1 - E rho'' / E w` of the error, two fifths beside Gaussian noise. So the loss's own
-    curvature is taken where there are no more outliers than that. The step is computed in numpy: the triangle has few
-    rows and is needed in double precision, and nothing is compiled.
-
-    Args:
-        curved: whether to take that curvature; without it the weights.
+    counts less: each step leaves `1 - E rho'' / E w` of the error, two fifths beside Gaussian noise. So if `curved` the
+    loss's own curvature is taken where there are no more outliers than that (Holland and Welsch 1977).
     """
     triangle, residual, curvature = (
         np.asarray(part, np.float64)
@@ -218,12 +250,11 @@ def gauss_newton_step(linearization: Linearization, curved: bool = True) -> Valu
 
 
 def move_in_errors(linearization: Linearization) -> float:
-    """Length of the next step in standard errors.
+    """The length of the next step in standard errors.
 
     That is the score `g = J^T W r` over its own scatter, `(g^T P^-1 g / p)^(1/2)`, where `P` is the sum over residuals
     of each one's `g g^T` (the score test of White 1982). It is 1 on average where residuals pull at random, whatever
-    their sizes. Error bars from the noise of all residuals together would not do: beside them the pull of the few
-    residuals at edges, which decide, seems far too large.
+    their sizes. Beside error bars from all residuals together the pull of the few at edges would seem far too large.
     """
     triangle, residual = (np.asarray(part, np.float64) for part in (linearization.jacobian, linearization.residual))
     score = triangle.T @ residual

@@ -1,9 +1,9 @@
-"""A solver's steps: within bounds, one after the other, and recorded with what a fit has found so far."""
+"""A solver's steps within bounds, and the record of what a fit has found so far."""
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
-from typing import Any, Generic, TypeVar
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,25 +14,23 @@ from raytrace_jax.inverse.judge.structure import explains, vuong_evidence
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.problem.linearize import Linearization
 from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.problem.unknowns import Image, Unknowns, Values, Vector
+from raytrace_jax.inverse.problem.unknowns import Image, Unknowns, Vector
 from raytrace_jax.inverse.result import FitStep, Minimum, Profile
 from raytrace_jax.scene.scene import Scene
 
-
-def clip(y: Vector, unknowns: Unknowns) -> Values:
-    """The unknowns, each of which is moved to the end of its reach where it lies beyond."""
-    return np.clip(np.asarray(y), *unknowns.reach)
+Record = Callable[[float, bool, Vector], None]
+"""A function that is called with (cost, accepted, unknowns) after each step."""
 
 
-def shorten_step(problem: Problem, origin: Vector, tried) -> Values:
+def shorten_step(problem: Problem, origin: Vector, tried) -> Vector:
     """The end of a step, moved into the reach of the unknowns and halved until no ball has swallowed the camera."""
-    place, start = clip(tried, problem.unknowns), np.asarray(origin)
+    place, start = np.clip(np.asarray(tried), *problem.unknowns.reach), np.asarray(origin)
     # A step that leads into the impossible is given up after ten halvings: a thousandth of it is none.
     for _ in range(10):
         if is_possible(problem, problem.array(place)):
-            return place
+            return problem.array(place)
         place = (place + start) / 2
-    return start
+    return problem.array(start)
 
 
 def is_possible(problem: Problem, y: Vector) -> bool:
@@ -50,7 +48,7 @@ def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
 def at_bounds(y: Vector, unknowns: Unknowns) -> Int[np.ndarray, " parameters"]:
     """The end of its reach that each unknown is at: -1 is the lower, 1 the upper, 0 neither."""
     lower, upper = unknowns.reach
-    # The ends are rounded to the unknowns' dtype, in which `clip` put them there.
+    # The ends are rounded to the unknowns' dtype, as where they were clipped.
     place = np.asarray(y)
     return np.where(place <= lower.astype(place.dtype), -1, np.where(place >= upper.astype(place.dtype), 1, 0))
 
@@ -61,12 +59,12 @@ def bounds_reached(y: Vector, unknowns: Unknowns) -> tuple[tuple[str, float], ..
     return tuple((name, bounded.lower if side < 0 else bounded.upper) for name, bounded, side in rows if side)
 
 
-def project_gradient(linearization: Linearization, y: Vector, unknowns: Unknowns) -> Linearization:
-    """A linearisation that holds the unknowns at a bound where the cost falls beyond it (a projected gradient).
+def project_gradient(state: FitState) -> Linearization:
+    """A state's linearisation that holds the unknowns at a bound where the cost falls beyond it (projected gradient).
 
     Their columns of the Jacobian are 0, so that no step moves them.
     """
-    side = at_bounds(y, unknowns)
+    side, linearization = at_bounds(state.y, state.problem.unknowns), state.linearization
     if not side.any():
         return linearization
     triangle = np.asarray(linearization.jacobian)
@@ -74,64 +72,7 @@ def project_gradient(linearization: Linearization, y: Vector, unknowns: Unknowns
     return dataclasses.replace(linearization, jacobian=jnp.asarray(np.where(side * downhill > 0, 0, triangle)))
 
 
-def hold(linearization: Linearization, places: Sequence[int]) -> Linearization:
-    """A linearisation that holds some unknowns: a solver sees no derivative along them, and leaves them there."""
-    if not places:
-        return linearization
-    triangle = np.array(linearization.jacobian)
-    triangle[:, list(places)] = 0
-    return dataclasses.replace(linearization, jacobian=jnp.asarray(triangle))
-
-
-def project_on_range(linearization: Linearization) -> Float[np.ndarray, " directions"]:
-    """The part of the rotated residual that the Jacobian spans, in orthogonal directions."""
-    triangle = np.asarray(linearization.jacobian, np.float64)
-    residual = np.asarray(linearization.residual, np.float64)
-    moves = np.any(triangle != 0, axis=0)
-    # The triangle's own rows span it unless columns were set to 0; the last row holds what no parameter explains.
-    return residual[:-1] if moves.all() else np.linalg.qr(triangle[:, moves])[0].T @ residual
-
-
-Memory = TypeVar("Memory")
-
-Record = Callable[[float, bool, Vector], None]
-"""A function that is called with (cost, accepted, unknowns) after each step."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Step(Generic[Memory]):
-    """A method's place, and the place where it looks next.
-
-    Args:
-        best: where the solve ends if it ends now, and whether it is at rest there.
-        accepted: whether the place that was seen last is the best.
-        to: the unknowns where to look next; None ends the solve.
-    """
-
-    best: FitState
-    accepted: bool
-    to: Vector | None
-    memory: Memory
-
-
-def iterate(
-    step: Step[Memory],
-    look: Callable[[Step[Memory], Vector], FitState],
-    propose: Callable[[Step[Memory], FitState], Step[Memory]],
-    most: int,
-    record: Record,
-) -> FitState:
-    """Step until the method proposes no further place, or `most` places were seen."""
-    for _ in range(most):
-        if step.to is None:
-            break
-        step = propose(step, look(step, step.to))
-        record(step.best.linearization.cost, step.accepted, step.best.y)
-    return step.best
-
-
-@dataclasses.dataclass(frozen=True)
-class LocalMinimum:
+class LocalMinimum(NamedTuple):
     """A minimum with all that is known of it."""
 
     summary: Minimum
@@ -146,8 +87,7 @@ class LocalMinimum:
 
     def judged_against(self, best: Image) -> "LocalMinimum":
         """A copy with the evidence that a better residual is better."""
-        summary = dataclasses.replace(self.summary, evidence=vuong_evidence(best, self.residual))
-        return dataclasses.replace(self, summary=summary)
+        return self._replace(summary=dataclasses.replace(self.summary, evidence=vuong_evidence(best, self.residual)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,32 +117,26 @@ class Recorder:
     def __init__(
         self,
         problem: Problem,
-        on_step: Callable[[FitStep], None] | None,
-        on_phase: Callable[[str], None] | None,
-        max_seconds: float | None,
+        on_step: Callable[[FitStep], None] | None = None,
+        on_phase: Callable[[str], None] | None = None,
+        max_seconds: float | None = None,
     ):
         self.problem, self.max_seconds = problem, max_seconds
         self.on_step, self.on_phase = on_step, on_phase
         self.started = time.monotonic()
         self.is_stopped = False
-        self.candidate, self.level, self.blur, self.leads = 0, 0, 0.0, True
         self.history: list[FitStep] = []
         self.findings = Findings()
-
-    @property
-    def seconds(self) -> float:
-        """Time since the fit began."""
-        return time.monotonic() - self.started
+        self.begin(0, 0)
 
     def phase(self, words: str) -> None:
-        """Say what happens now."""
         if self.on_phase is not None and not self.is_stopped:
             self.on_phase(words)
         self.check_clock()
 
     def check_clock(self) -> None:
         """Raise TimeoutError when the time is up, or the work was asked to stop."""
-        is_over = self.max_seconds is not None and self.seconds > self.max_seconds
+        is_over = self.max_seconds is not None and time.monotonic() - self.started > self.max_seconds
         if is_over or self.is_stopped:
             raise TimeoutError
 
@@ -226,8 +160,8 @@ class Recorder:
         number = sum((step.candidate, step.level) == place for step in self.history)
         if self.leads:
             self.found(answer=y)
-        cost *= self.problem.unit**2
-        self.history.append(FitStep(*place, self.blur, number, cost, accepted, self.problem.values(y), self.seconds))
+        cost, seconds = cost * self.problem.unit**2, time.monotonic() - self.started
+        self.history.append(FitStep(*place, self.blur, number, cost, accepted, self.problem.values(y), seconds))
         if self.on_step is not None and not self.is_stopped:
             self.on_step(self.history[-1])
         self.check_clock()
