@@ -104,10 +104,13 @@ def files(folder):
     return [path for path in folder.rglob("*") if path.is_file()]
 
 
+Y = np.asarray([0.25])
+
+
 def anew():
     """The results of a program that is not in memory."""
     forget_programs()
-    return values_and_slopes(jnp.asarray([0.25]), Unknowns(("a.radius",), (Transform("above"),)))
+    return values_and_slopes(Y, Unknowns(("a.radius",), (Transform("above"),)))
 
 
 def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
