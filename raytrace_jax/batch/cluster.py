@@ -1,7 +1,6 @@
 """The processes of dask.distributed that run jobs, on this machine or on a cluster."""
 
 import contextlib
-import importlib.util
 import logging
 import signal
 import time
@@ -13,7 +12,6 @@ from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.run import JobRecord, read_record, run_and_record, write_record
 from raytrace_jax.errors import RaytraceError, one_sentence
 from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import install
 
 SECONDS_TO_CONNECT = 30
 SECONDS_BETWEEN_LOOKS = 0.2
@@ -21,22 +19,12 @@ SECONDS_BETWEEN_LOOKS = 0.2
 OnDone = Callable[[Job, JobRecord], None]
 
 
-def require() -> None:
-    """Raise RaytraceError with the command that installs it if dask.distributed is missing."""
-    if importlib.util.find_spec("distributed") is None:
-        raise RaytraceError(f"--workers and --scheduler need dask.distributed: {install('batch')}")
-
-
 def run_on_workers(
     jobs: Sequence[Job], folder: Path, workers: int | None, scheduler: str | None, on_done: OnDone
 ) -> None:
-    """Run jobs on workers, which see the folder under this path; a job whose worker dies goes to another one.
+    """Run jobs on so many `workers` here, or on those of a `scheduler`, by its address, which see the folder too.
 
-    A job that kills its worker again and again is recorded as failed.
-
-    Args:
-        workers: how many processes to start here, each for one job at a time.
-        scheduler: else the address of the scheduler that has the workers.
+    A job whose worker dies goes to another one; one that kills its worker again and again is recorded as failed.
 
     Raises:
         RaytraceError: no scheduler answers at the address or it goes away, a record cannot be written.
@@ -44,8 +32,9 @@ def run_on_workers(
     with _client(workers, scheduler) as client:
         # Dask suspects all that waited at a worker that died; alone, only those that kill it are left.
         for job in _share_out(client, _share_out(client, jobs, folder, on_done), folder, on_done):
-            why = "the process that ran it died, each time it was tried: is there enough memory?"
-            record = JobRecord("failed", why)
+            record = JobRecord(
+                "failed", "the process that ran it died, each time it was tried: is there enough memory?"
+            )
             write_record(folder, job, record)
             on_done(job, record)
 
@@ -56,7 +45,6 @@ def dask_setup(worker: object) -> None:
 
 
 def _work(job: Job, folder: Path) -> None:
-    """Run a job in a worker."""
     with jax_session(64, devices=1):
         run_and_record(job, folder)
 
@@ -85,7 +73,6 @@ def _share_out(client: Any, jobs: Sequence[Job], folder: Path, on_done: OnDone) 
 
 @contextlib.contextmanager
 def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
-    """A client of the scheduler, or of a new one with workers on this machine, which end with it."""
     from distributed import Client, LocalCluster
 
     with contextlib.ExitStack() as stack:

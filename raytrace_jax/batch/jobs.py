@@ -91,10 +91,9 @@ def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
     assert fit is not None
     common = {"free": list(fit.table.free), "start": dict(fit.start)}
     common |= {name: getattr(fit.options, name) for name in OPTIONS}
-    files = [({"target": target.digest, "target_name": target.name}, target.path) for target in fit.targets]
     # A rendered target takes the job's values, and the fit starts at the plan's; a file's fit starts at the job's.
     rendered = [({"target_samples": fit.table.target_samples, "fixed": dict(plan.fixed)}, "")]
-    for target, path in files or rendered:
+    for target, path in fit.targets or rendered:
         for sigma in fit.table.noise:
             # Without noise a seed makes no difference.
             for seed in fit.table.seeds if sigma > 0 else (None,):
@@ -114,12 +113,10 @@ COMPONENTS = {
     for attribute in kind.continuous
 }
 
-OF_NOISE, TOTAL = ".standard_error", ".total_error"
-"""Ends of the columns of an estimate's errors."""
+OF_NOISE, TOTAL = ".standard_error", ".total_error"  # Ends of the columns of an estimate's errors.
 
 
 def value_cells(job: Job) -> Row:
-    """The values of a job by name, those of vectors by their components."""
     cells: Row = {}
     for name, value in job.values.items():
         if isinstance(value, tuple):
@@ -131,7 +128,6 @@ def value_cells(job: Job) -> Row:
 
 
 def target_cells(job: Job) -> Row:
-    """The target of a fit; nothing for other jobs."""
     if job.kind != "fit":
         return {}
     names = {"target_name": "target", "noise": "noise", "seed": "seed"}
@@ -162,5 +158,4 @@ def file_name(job: Job) -> str:
 
 
 def cell_text(cell: TableCell) -> str:
-    """A number in up to six digits, a word as it is."""
     return f"{cell:.6g}" if isinstance(cell, float) else str(cell)

@@ -71,14 +71,6 @@ OPTIONS = tuple(field.name for field in dataclasses.fields(FitOptions) if field.
 """Options of a fit in a plan: a job draws no profiles, and its result does not depend on how fast the machine is."""
 
 
-class Target(NamedTuple):
-    """A target's file, and the SHA-256 of its contents."""
-
-    name: str
-    path: str
-    digest: str
-
-
 @dataclasses.dataclass(frozen=True)
 class FitTable(Checked):
     """The table `[fit]` without the options of the fit itself."""
@@ -97,19 +89,15 @@ class FitTable(Checked):
 
 @dataclasses.dataclass(frozen=True)
 class FitPlan:
-    """The fits of a plan."""
-
     table: FitTable
     start: Mapping[str, Value]  # Where the search begins, for parameters that are not to begin at the scene's value.
-    targets: tuple[Target, ...]  # None: targets are rendered.
+    targets: tuple[tuple[dict[str, str], str], ...]  # Names and SHA-256 of the files, as options, and their paths.
     options: FitOptions
 
 
 def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
-    """Read and check the table `[fit]`."""
-    names = tuple(field.name for field in dataclasses.fields(FitTable))
-    file.table(("fit",), known=(*names, "start", *OPTIONS))
-    table, options = file.read(("fit",), FitTable), file.read(("fit",), FitOptions, OPTIONS)
+    file.table(("fit",), known=(*hints(FitTable), "start", *OPTIONS))
+    table, options = file.read(("fit",), FitTable, hints(FitTable)), file.read(("fit",), FitOptions, OPTIONS)
     scenes.each(("fit", "free"), lambda scene: scalar_names(scene, table.free))
     start = {}
     for name, (keys, value) in file.parameters(("fit", "start")).items():
@@ -130,15 +118,12 @@ def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
     for name in table.targets:
         path = file.path.parent.absolute() / name
         with reworded(lambda words: file.error(("fit", "targets"), f"{words}.")):
-            targets.append(Target(name, str(path), hashlib.sha256(read_bytes(path)).hexdigest()))
+            digest = hashlib.sha256(read_bytes(path)).hexdigest()
+        targets.append(({"target": digest, "target_name": name}, str(path)))
     return FitPlan(table, start, tuple(targets), options)
 
 
-TOP_LEVEL = ("scenes", "precision", "settings", "set", "grid", "list", "render", "gradient", "fit")
-KINDS = ("render", "gradient", "fit")
-
-Values = Mapping[str, Value]
-"""Values of parameters by name."""
+Values = Mapping[str, Value]  # Of parameters, by name.
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,8 +144,6 @@ class GradientPlan(Checked):
 
 @dataclasses.dataclass(frozen=True)
 class BatchPlan:
-    """A plan that makes sense."""
-
     scenes: Mapping[str, PlannedScene]  # By the names of their files in the plan.
     precision: Precision
     fixed: Values  # The same in all jobs.
@@ -172,35 +155,25 @@ class BatchPlan:
 
 
 def read_plan(path: Path) -> BatchPlan:
-    """Read and check a plan file and the scenes that it names; docs/batch.md describes it. Numbers are read in float64.
-
-    Raises:
-        RaytraceError: the file cannot be read.
-        PlanError: what it says makes no sense: the message has the file and the name.
-    """
+    """Read and check a plan file (docs/batch.md) and its scenes, in float64. Raises PlanError with file and name."""
     file = PlanFile(path)
-    file.refuse_unknown((), file.data, TOP_LEVEL)
-    if not any(kind in file.data for kind in KINDS):
+    file.table((), known=(*hints(Head), "settings", "set", "grid", "list", "render", "gradient", "fit"))
+    if not {"render", "gradient", "fit"} & set(file.data):
         raise file.error((), "says nothing to do: it needs one of the tables [render], [gradient] and [fit].")
-    file.table(("render",), known=())
-    head = file.read((), Head)
-    file.table(("settings",), known=hints(RenderSettings))
+    for name in file.table(("render",)):
+        raise file.error(("render", name), "there is no such name. There are none.")
+    head = file.read((), Head, hints(Head))
     scenes = PlanScenes(file, head.scenes, file.read(("settings",), RenderSettings))
-    fixed = {name: read_value(file, *found) for name, found in file.parameters(("set",)).items()}
-    rows, grid = (
-        {name: read_values(file, *found) for name, found in file.parameters((table,), RANGE).items()}
-        for table in ("list", "grid")
-    )
+    names: list[str] = []
+    fixed, rows, grid = (_columns(file, scenes, table, names) for table in ("set", "list", "grid"))
     gradient = None
     if "gradient" in file.data:
-        file.table(("gradient",), known=hints(GradientPlan))
         gradient = file.read(("gradient",), GradientPlan)
         scenes.each(("gradient", "wrt"), lambda scene: scalar_names(scene, gradient.wrt))
-    _check_values(file, scenes, {"set": {name: (value,) for name, value in fixed.items()}, "list": rows, "grid": grid})
     return BatchPlan(
         scenes=scenes.planned,
         precision=head.precision,
-        fixed=fixed,
+        fixed={name: value for name, (value,) in fixed.items()},
         rows=_rows(file, rows),
         grid=grid,
         render="render" in file.data,
@@ -209,17 +182,19 @@ def read_plan(path: Path) -> BatchPlan:
     )
 
 
-def _check_values(file: PlanFile, scenes: PlanScenes, tables: Mapping[str, Mapping[str, tuple[Value, ...]]]) -> None:
-    """Set each value in each scene; and no number may be named twice, wherever and under whatever name."""
-    names: list[str] = []
-    for table, columns in tables.items():
-        places = file.parameters((table,), RANGE)
-        for name, values in columns.items():
-            keys, _ = places[name]
-            for value in values:
-                scenes.each(keys, lambda scene, name=name, value=value: set_parameters(scene, {name: value}))
-            names.append(name)
-            scenes.each(keys, lambda scene: scalar_names(scene, names))
+def _columns(file: PlanFile, scenes: PlanScenes, table: str, names: list[str]) -> dict[str, tuple[Value, ...]]:
+    """The values of each parameter in a table, possible in every scene.
+
+    No number may be named twice, wherever and under whatever name: the `names` so far are those of other tables, too.
+    """
+    found = {}
+    for name, (keys, value) in file.parameters((table,), RANGE).items():
+        found[name] = (read_value(file, keys, value),) if table == "set" else read_values(file, keys, value)
+        for one in found[name]:
+            scenes.each(keys, lambda scene, name=name, one=one: set_parameters(scene, {name: one}))
+        names.append(name)
+        scenes.each(keys, lambda scene: scalar_names(scene, names))
+    return found
 
 
 def _rows(file: PlanFile, columns: Mapping[str, tuple[Value, ...]]) -> tuple[Values, ...]:

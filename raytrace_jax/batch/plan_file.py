@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Collection, Container, Iterable, Mapping
+from collections.abc import Collection, Container, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_origin
 
@@ -14,8 +14,7 @@ from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 T = TypeVar("T")
 
-Keys = tuple[str, ...]
-"""The place of a value: the names of the tables that it is in, and its own."""
+Keys = tuple[str, ...]  # The place of a value: the names of the tables that it is in, and its own.
 
 
 class PlanError(RaytraceError):
@@ -31,16 +30,16 @@ class PlanFile:
 
     def error(self, keys: Keys, message: str) -> PlanError:
         """Return (for the caller to raise) the error about a value, or about the file where there are no `keys`."""
-        place = f"{self.path}: {'.'.join(map(_spelled, keys))}" if keys else str(self.path)
-        return PlanError(f"{place}: {message}")
+        place = ".".join(f'"{key}"' if "." in key else key for key in keys)
+        return PlanError(": ".join(filter(None, (str(self.path), place, message))))
 
     def read(self, keys: Keys, kind: type[T], names: Collection[str] = ()) -> T:
         """A table as a dataclass, which checks it. One value alone serves as a row of it.
 
         Args:
-            names: the fields that the table may have; all, if none are named.
+            names: the fields to read; without them all, and the table may have no other names.
         """
-        table, given = self.table(keys), {}
+        table, given = self.table(keys, known=() if names else hints(kind)), {}
         for field in dataclasses.fields(kind):  # pyright: ignore[reportArgumentType]
             name, hint = field.name, hints(kind)[field.name]
             if name in table and (name in names or not names):
@@ -60,15 +59,17 @@ class PlanFile:
         with reworded(refused, (ParameterError, SettingsError)):
             return kind(**given)
 
-    def table(self, keys: Keys, known: Iterable[str] | None = None) -> dict[str, Any]:
-        """The table of that name, empty if it is missing; with `known`, only these names may be in it."""
+    def table(self, keys: Keys, known: Collection[str] = ()) -> dict[str, Any]:
+        """The table of that name, empty if it is missing; if some names are `known`, there may be no others in it."""
         found: Any = self.data
         for key in keys:
             found = found.get(key, {})
         if not isinstance(found, dict):
             raise self.error(keys, f"is {shown(found)}; a table of names and values is wanted.")
-        if known is not None:
-            self.refuse_unknown(keys, found, known)
+        for name in found if known else ():
+            if name not in known:
+                close = did_you_mean(name, known)
+                raise self.error((*keys, name), f"there is no such name.{close} There are {listed(known)}.")
         return found
 
     def parameters(self, keys: Keys, leaf: Container[str] = ()) -> dict[str, tuple[Keys, Any]]:
@@ -95,34 +96,19 @@ class PlanFile:
         walk(keys, self.table(keys))
         return found
 
-    def refuse_unknown(self, keys: Keys, names: Iterable[str], known: Iterable[str]) -> None:
-        """Raise PlanError for the first name that does not exist."""
-        known = list(known)
-        for name in names:
-            if name not in known:
-                close = did_you_mean(name, known)
-                raise self.error((*keys, name), f"there is no such name.{close} There are {listed(known)}.")
-
 
 def shown(value: object) -> str:
     """A value as an error message quotes it."""
     return quoted(value) if isinstance(value, str) else str(value)[:60]
 
 
-def _spelled(key: str) -> str:
-    return f'"{key}"' if "." in key else key
-
-
-Value = float | tuple[float, ...]
-"""A parameter's value: a number, or the numbers of a vector."""
+Value = float | tuple[float, ...]  # Of a parameter: a number, or the numbers of a vector.
 
 Finite = Annotated[float, Wanted("a finite number", above=-math.inf, below=math.inf)]
 
 
 @dataclasses.dataclass(frozen=True)
 class EvenRange(Checked):
-    """Numbers that are evenly spaced, both ends included."""
-
     start: Finite
     stop: Finite
     count: Annotated[int, Wanted(least=1, most=1_000_000)]
@@ -143,7 +129,6 @@ def read_value(file: PlanFile, keys: Keys, value: Any) -> Value:
 def read_values(file: PlanFile, keys: Keys, values: Any) -> tuple[Value, ...]:
     """Many values of a parameter: an array of them, or a table that is a `EvenRange`."""
     if isinstance(values, dict):
-        file.table(keys, known=RANGE)
         found = file.read(keys, EvenRange)
         return tuple(evenly_spaced(found.start, found.stop, found.count))
     if not isinstance(values, list) or not values:

@@ -36,7 +36,7 @@ FOLDER = "records"
 class JobRecord:
     """The outcome of a job: its files, relative to the batch's folder, and its cells of the table, by column."""
 
-    status: Literal["done", "failed"]
+    status: Literal["done", "failed", "missing"]
     message: str = ""
     outputs: tuple[str, ...] = ()
     results: Mapping[str, float | str | None] = field(default_factory=dict)
@@ -49,23 +49,18 @@ def write_plan(folder: Path, plan: Path) -> None:
         temporary.write_bytes(read_bytes(plan))
 
 
-def record_path(folder: Path, job: Job) -> Path:
-    """The file of a job's record."""
-    return folder / FOLDER / f"{job.name}.json"
-
-
 def write_record(folder: Path, job: Job, record: JobRecord) -> None:
     """Write a job's record; a failure never replaces what another process has done."""
     if record.status == "failed" and is_done(folder, job):
         return
     about: dict[str, Any] = {"job": job.name, "kind": job.kind, "scene": job.scene_name, "values": dict(job.values)}
     text = json.dumps({**about, "options": dict(job.options), **record.__dict__}, indent=2)
-    write_text(record_path(folder, job), text + "\n")
+    write_text(folder / FOLDER / f"{job.name}.json", text + "\n")
 
 
 def read_record(folder: Path, job: Job) -> JobRecord | None:
     """The record of a job; None if it has none, or one that is broken or whose files are gone."""
-    path = record_path(folder, job)
+    path = folder / FOLDER / f"{job.name}.json"
     if not path.exists():
         return None
     try:
@@ -83,25 +78,16 @@ def is_done(folder: Path, job: Job) -> bool:
     return record is not None and record.status == "done"
 
 
-def forget_failures(folder: Path, jobs: Iterable[Job]) -> None:
-    """Remove the records of jobs that failed, so that they are tried again."""
-    for job in jobs:
-        if not is_done(folder, job):
-            record_path(folder, job).unlink(missing_ok=True)
-
-
 def other_records(folder: Path, jobs: Iterable[Job]) -> int:
-    """The number of records in the folder that belong to jobs of other plans."""
     mine = {job.name for job in jobs}
-    return sum(path.stem not in mine for path in (folder / FOLDER).glob("*.json") if not path.name.startswith("."))
+    return sum(path.stem not in mine for path in (folder / FOLDER).glob("[!.]*.json"))
 
 
 Outcome = tuple[list[Path], Mapping[str, float | str | None]]
 """The paths of a job's files, and its numbers for the table, by column."""
 
 
-def fit_job(job: Job, folder: Path) -> Outcome:
-    """Fit, and write `result.json` and the fitted scene `fit.txt` into the job's folder within `folder`."""
+def _fit(job: Job, folder: Path) -> Outcome:
     options, path = job.options, job.target
     # A rendered target has the job's values, and the search for them begins at those of the scene.
     scene = set_parameters(job_scene(job, None if path else options["fixed"]), options["start"])
@@ -146,9 +132,9 @@ def _estimates(result: FitResult) -> dict[str, float | str | None]:
 
 
 def run_job(job: Job, folder: Path) -> JobRecord:
-    """Run a job and write its files into `folder/KIND`; its record is for the caller to write."""
+    """Run a job and write its files into `folder/KIND`; the caller writes its record."""
     with jax.enable_x64(job.precision == 64):
-        outputs, results = {"render": _render, "gradient": _gradient, "fit": fit_job}[job.kind](job, folder / job.kind)
+        outputs, results = {"render": _render, "gradient": _gradient, "fit": _fit}[job.kind](job, folder / job.kind)
     return JobRecord("done", outputs=tuple(path.relative_to(folder).as_posix() for path in outputs), results=results)
 
 

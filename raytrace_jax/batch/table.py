@@ -23,7 +23,13 @@ def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
 
     The columns are in blocks: which job it is, its values, its target, how it ended, its results, its files.
     """
-    rows = [_blocks(job, read_record(folder, job)) for job in jobs]
+    rows: list[tuple[Row, ...]] = []
+    for job in jobs:
+        record = read_record(folder, job) or JobRecord("missing")
+        about: Row = {"job": job.name, "kind": job.kind, "scene": job.scene_name}
+        ended: Row = {"status": record.status, "message": record.message or None}
+        files: Row = {"file": next(iter(record.outputs), None)}
+        rows.append((about, value_cells(job), target_cells(job), ended, dict(record.results), files))
     columns = dict.fromkeys(name for blocks in zip(*rows, strict=True) for block in blocks for name in block)
     flat = [{name: cell for block in blocks for name, cell in block.items()} for blocks in rows]
     return [{name: row.get(name) for name in columns} for row in flat]
@@ -58,26 +64,15 @@ def remove_tables(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def _blocks(job: Job, record: JobRecord | None) -> tuple[Row, ...]:
-    """The cells of a job in the blocks of the table."""
-    ended: Row = {"status": "missing", "message": None}
-    if record:
-        ended = {"status": record.status, "message": record.message or None}
-    files: Row = {"file": record.outputs[0] if record and record.outputs else None}
-    about: Row = {"job": job.name, "kind": job.kind, "scene": job.scene_name}
-    return about, value_cells(job), target_cells(job), ended, dict(record.results) if record else {}, files
-
-
 def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
     """Write the page and, if there are renders, the contact sheet; return the paths."""
-    ended = [(job, read_record(folder, job)) for job in jobs]
+    ended = [(job, read_record(folder, job) or JobRecord("missing")) for job in jobs]
     renders = [(job, record) for job, record in ended if job.kind == "render"]
     cells = []
     for job, record in renders:
-        pictures = [folder / path for path in (record.outputs if record else ()) if path.endswith(".png")]
+        picture = next((folder / path for path in record.outputs if path.endswith(".png")), None)
         words = [f"{name} = {value}" for name, value in job.varied] or [job.scene_name]
-        is_done = record and record.status == "done"
-        cells.append(LabelledPicture(next(iter(pictures), None), words if is_done else ["failed", *words]))
+        cells.append(LabelledPicture(picture, words if record.status == "done" else ["failed", *words]))
     (folder / SHEET).unlink(missing_ok=True)
     if cells:
         # A group are the jobs from the first on that differ in the last name of the grid alone.
@@ -87,7 +82,7 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
             draw_contact_sheet(cells, group).save(temporary)
     kinds = dict.fromkeys(job.kind for job in jobs)
     tables = [_table(kind, [(job, record) for job, record in ended if job.kind == kind]) for kind in kinds]
-    failed = sum(record is None or record.status != "done" for _, record in ended)
+    failed = sum(record.status != "done" for _, record in ended)
     page = page_template("raytrace_jax.batch", "index.html.jinja").render(
         tables=tables, count=len(jobs), failed=failed, sheet=SHEET if cells else None
     )
@@ -95,9 +90,9 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
     return [folder / name for name in ([SHEET] if cells else []) + [PAGE]]
 
 
-def _table(kind: str, jobs: Sequence[tuple[Job, JobRecord | None]]) -> dict[str, object]:
+def _table(kind: str, jobs: Sequence[tuple[Job, JobRecord]]) -> dict[str, object]:
     """The jobs of one kind: names and values that vary, those that do not, and a row each."""
-    results = [_results(record.results) if record else {} for _, record in jobs]
+    results = [_results(record.results) for _, record in jobs]
     varied = list(dict.fromkeys(name for job, _ in jobs for name, _ in job.varied))
     found = list(dict.fromkeys(name for row in results for name in row))
     first = jobs[0][0]
@@ -105,7 +100,7 @@ def _table(kind: str, jobs: Sequence[tuple[Job, JobRecord | None]]) -> dict[str,
     fixed = [(name, cell_text(cell)) for name, cell in cells.items() if cell is not None and name not in varied]
     rows = []
     for (job, record), result in zip(jobs, results, strict=True):
-        files = [(quote(path), Path(path)) for path in (record.outputs if record else ())]
+        files = [(quote(path), Path(path)) for path in record.outputs]
         rows.append(
             {
                 "picture": next((address for address, path in files if path.suffix == ".png"), None),
@@ -113,8 +108,8 @@ def _table(kind: str, jobs: Sequence[tuple[Job, JobRecord | None]]) -> dict[str,
                 "files": [(address, path.name if kind == "fit" else path.suffix[1:]) for address, path in files],
                 "about": ", ".join(f"{name} = {value}" for name, value in job.varied),
                 "values": [dict(job.varied).get(name, "") for name in varied],
-                "status": record.status if record else "missing",
-                "message": record.message if record else "",
+                "status": record.status,
+                "message": record.message,
                 "results": [result.get(name, "") for name in found],
             }
         )
@@ -122,7 +117,6 @@ def _table(kind: str, jobs: Sequence[tuple[Job, JobRecord | None]]) -> dict[str,
 
 
 def _results(results: Mapping[str, float | str | None]) -> dict[str, str]:
-    """The numbers of a job as text, an estimate together with the error to publish."""
     texts = {}
     for name, value in results.items():
         if name.endswith((OF_NOISE, TOTAL)):

@@ -1,12 +1,10 @@
 """Errors and messages on stderr, tables on stdout."""
 
-import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from raytrace_jax.errors import ParameterError, SettingsError, reworded
@@ -38,12 +36,10 @@ def stderr_console(*, quiet: bool = False) -> Console:
 
 
 def print_error(message: str) -> None:
-    """Print `error: message` on stderr."""
     stderr_console().print(Text.assemble(("error: ", "bold red"), message))
 
 
 def print_warning(message: str) -> None:
-    """Print `warning: message` on stderr."""
     stderr_console().print(Text.assemble(("warning: ", "bold yellow"), message))
 
 
@@ -53,13 +49,5 @@ def show_warning(message: Warning | str, category: type[Warning], *where: object
 
 
 def print_table(title: str, headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table on stdout, nothing cut: drawn on a terminal, else in plain aligned columns for other programs."""
-    if sys.stdout.isatty():
-        table = Table(title=title, title_justify="left", title_style="bold", header_style="bold")
-        for header in headers:
-            table.add_column(header, overflow="fold")
-        for row in rows:
-            table.add_row(*(Text(cell) for cell in row))
-        Console(highlight=False).print(table)
-        return
+    """Print a table on stdout in plain aligned columns, nothing cut."""
     print(f"# {title}", *aligned([headers, *rows]), sep="\n")

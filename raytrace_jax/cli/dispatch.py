@@ -3,18 +3,16 @@
 Exit codes: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 stopped.
 """
 
-import functools
 import importlib
 import inspect
 import io
-import operator
 import os
 import sys
 import traceback
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Union
 
 import tyro
 
@@ -58,8 +56,6 @@ COMMANDS = {
 }
 """Commands by the names that users type, in the order of the help text."""
 
-CONFIG = "--config"
-
 
 def with_config(arguments: Sequence[str]) -> list[str]:
     """The arguments with those of the file that `--config` names, if it is there; what is given twice is the caller's.
@@ -67,12 +63,12 @@ def with_config(arguments: Sequence[str]) -> list[str]:
     A key of the file is an option without its dashes: `max-steps = 80`, `free = ["glass.ior"]`, `search = false` for
     `--no-search`, `size = [320, 240]`. A table gives `NAME=VALUE` to an option: `[define]` with `"glass.ior" = 1.5`.
     """
-    if CONFIG not in arguments:
+    if "--config" not in arguments:
         return list(arguments)
-    place = arguments.index(CONFIG)
+    place = arguments.index("--config")
     others = [*arguments[:place], *arguments[place + 2 :]]
-    if CONFIG in others or place + 1 == len(arguments):
-        raise UsageError(f"{CONFIG} takes one file, once.")
+    if "--config" in others or place + 1 == len(arguments):
+        raise UsageError("--config takes one file, once.")
     found = []
     for key, value in read_toml(Path(arguments[place + 1])).items():
         name = key.replace("_", "-")
@@ -88,7 +84,6 @@ def with_config(arguments: Sequence[str]) -> list[str]:
 
 
 def _texts(value: object) -> list[str]:
-    """A value of the file, or a row of them, as arguments."""
     return [str(entry) for entry in value] if isinstance(value, list) else [str(value)]
 
 
@@ -126,10 +121,10 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         if os.environ.get("RAYTRACE_JAX_TRACEBACK"):
             traceback.print_exc()
-        message = one_sentence(error)
+        message = str(error) if isinstance(error, UsageError) else one_sentence(error)
         if message.startswith(f"{type(error).__name__}: "):
             message += " (set RAYTRACE_JAX_TRACEBACK=1 to see where this comes from)"
-        print_error(str(error) if isinstance(error, UsageError) else message)
+        print_error(message)
         return USAGE if isinstance(error, (UsageError, ParameterError)) else FAILED
 
 
@@ -141,7 +136,7 @@ def _run(arguments: Sequence[str]) -> int:
     given = with_config(arguments)
     try:
         command = tyro.cli(
-            _union(named=bool(given) and given[0] in COMMANDS),
+            _commands(named=bool(given) and given[0] in COMMANDS),
             prog="raytrace-jax",
             description=DESCRIPTION,
             args=given,
@@ -157,21 +152,20 @@ def _run(arguments: Sequence[str]) -> int:
         warnings.showwarning = show_warning
         # Imported here, since most of a command's imports start with JAX: seconds that --help need not wait.
         actions = importlib.import_module(f"raytrace_jax.cli.actions.{module}")
-        return getattr(actions, f"run_{name}")(command)
+        return getattr(actions, f"run_{name}")(command) or 0
 
 
-def _union(named: bool) -> Any:
+def _commands(named: bool) -> Any:
     """The type of all commands for tyro; with their help texts cut to one line, if none of them is `named`."""
-    texts = {name: inspect.getdoc(entry.options) or "" for name, entry in COMMANDS.items()}
-    shown = {name: text if named else text.splitlines()[0] for name, text in texts.items()}
-    members = [
-        Annotated[COMMANDS[name].options, tyro.conf.subcommand(name, description=text)] for name, text in shown.items()
-    ]
-    return functools.reduce(operator.or_, members)
+    members = []
+    for name, entry in COMMANDS.items():
+        text = inspect.getdoc(entry.options) or ""
+        shown = tyro.conf.subcommand(name, description=text if named else text.splitlines()[0])
+        members.append(Annotated[entry.options, shown])
+    return Union[tuple(members)]  # noqa: UP007
 
 
 def _check_files(command: Any) -> None:
-    """Refuse files to read that are not there."""
     for name, value in vars(command).items():
         for path in value if isinstance(value, tuple) else (value,):
             if isinstance(path, Path) and name == "scene" and not scene_path(path).exists():

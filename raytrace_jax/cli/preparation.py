@@ -1,11 +1,15 @@
 """What comes before the work: reading the scene, and refusing at once what could not be rendered or written."""
 
+import dataclasses
 import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from raytrace_jax.cli.console import UsageError, blamed_on, print_warning
+from raytrace_jax.cli.options import PictureCommand
+from raytrace_jax.cli.options.scenes import View
 from raytrace_jax.errors import ParameterError, RaytraceError
 from raytrace_jax.scene.bundled import scene_folder
 from raytrace_jax.scene.checks import scene_warnings
@@ -14,7 +18,6 @@ from raytrace_jax.scene.reader import load_scene, parse_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.files import write_failure
 from raytrace_jax.util.text import listed
 
@@ -37,13 +40,15 @@ def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | 
 
 
 def read_picture_scene(
-    path: Path | str, assignments: Sequence[str], settings: RenderSettings
+    command: PictureCommand | View, path: Path | str = "", **changes: Any
 ) -> tuple[Scene, ResolvedSettings]:
-    """A scene, as `read_scene`, and the settings of its picture: as its file says, but for what was given.
+    """A command's scene, or another one, as `read_scene`; and the settings of its picture, with some `changes`.
 
-    What is odd about the scene is said on stderr, and a window beside its picture is refused.
+    What the command leaves open the scene's file says. What is odd about the scene is said on stderr, and a window
+    beside its picture is refused.
     """
-    scene = read_scene(path, assignments, settings.model)
+    settings = dataclasses.replace(command.render, **changes)
+    scene = read_scene(path or command.scene, command.assignments, settings.model)
     with blamed_on():
         resolved = resolve_settings(scene, settings)
         resolved.window(scene.camera.pixeldim)
@@ -61,13 +66,12 @@ def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
 
 
 def check_single(scene: Scene, name: str, option: str) -> None:
-    """Refuse a vector where an option wants one number."""
     numbers = scalar_names(scene, [name])
     if numbers != (name,):
         raise UsageError(f"{option}: {name} is a vector; take one of its numbers: {', '.join(numbers)}.")
 
 
-def check_picture_path(path: Path, suffixes: tuple[str, str] = (".exr", ".png"), what: str = "a picture") -> None:
+def check_picture_path(path: Path, suffixes: tuple[str, ...] = (".exr", ".png"), what: str = "a picture") -> None:
     """Refuse the path of a picture, or of `what` else it is, that has a wrong suffix or cannot be written."""
     check_file(path)
     if path.suffix.lower() not in suffixes:
@@ -76,7 +80,6 @@ def check_picture_path(path: Path, suffixes: tuple[str, str] = (".exr", ".png"),
 
 
 def check_file(path: Path) -> None:
-    """Refuse the path of a file that cannot be written."""
     if path.is_dir():
         raise RaytraceError(f"{path}: cannot be written: it is a folder, and the name of a file is wanted.")
     check_folder(path.parent)

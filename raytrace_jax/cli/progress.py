@@ -2,32 +2,27 @@
 
 import threading
 import time
-from typing import Generic, Self, TypeVar
+from typing import Any, Self
 
 from rich.console import Console
 from rich.live import Live
-from rich.progress import Progress
-from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
 from raytrace_jax.inverse.result import FitStep
 from raytrace_jax.util.compilation import is_compiling
 
-Display = TypeVar("Display", Live, Progress, Status)
-
-SECONDS_BETWEEN, SILENCE = 5.0, 8.0
-"""Where there is no terminal, the least time between two lines on one kind of work; and the time without any line after
-which one says that work goes on."""
+SECONDS_BETWEEN = 5.0  # Where there is no terminal, the least time between two lines on one kind of work.
+SILENCE = 8.0  # There, the time without any line after which one says that work goes on.
 
 
-class Shown(Generic[Display]):
+class Shown:
     """A display from entering the context to leaving it, if on a terminal; else lines, one every few seconds.
 
     A quiet console shows nothing. Lines that only say that work goes on have the `words` for it.
     """
 
-    def __init__(self, console: Console, display: Display, words: str):
+    def __init__(self, console: Console, display: Any, words: str):
         self.console, self.words = console, words
         self.display = display if console.is_terminal and not console.quiet else None
         self.began = self.said = self.entered = time.monotonic()
@@ -46,7 +41,6 @@ class Shown(Generic[Display]):
             self.display.stop()
 
     def say(self, line: str) -> None:
-        """Print a line."""
         self.said = time.monotonic()
         self.console.print(line, highlight=False)
 
@@ -57,7 +51,7 @@ class Shown(Generic[Display]):
                 self.say(f"{now - self.entered:.1f} s  {self.words}{': compiling' if is_compiling() else ''}")
 
 
-class Timer(Shown[Status]):
+class Timer(Shown):
     """Says how long each part of some work took, and on a terminal that it is under way: use it as a context."""
 
     def __init__(self, words: str, console: Console):
@@ -70,18 +64,17 @@ class Timer(Shown[Status]):
         self.began = now
 
 
-class FitProgress(Shown[Live]):
+class FitProgress(Shown):
     """Shows the phases and steps of a fit, with its free scalar parameters: use it as a context."""
 
     def __init__(self, names: tuple[str, ...], console: Console):
         super().__init__(console, Live(console=console), "starting")
-        self.names, self.shown_at = names, 0.0
+        self.names, self.shown_at, self.stepped_at = names, 0.0, self.began
         self.last: FitStep | None = None
         if self.display:
             self.display.update(self._table())
 
     def phase(self, words: str) -> None:
-        """Show what happens now."""
         now = time.monotonic()
         is_new = words.split(",")[0] != self.words.split(",")[0]
         self.words = words
@@ -92,13 +85,12 @@ class FitProgress(Shown[Live]):
             self.say(f"{now - self.began:.1f} s  {words}")
 
     def step(self, step: FitStep) -> None:
-        """Show a step."""
-        self.last = step
+        self.last, self.stepped_at = step, time.monotonic()
         if self.display:
             self.display.update(self._table())
         else:
             pieces = (f"{what} {text}" for what, text in self._where(step))
-            self.say("  ".join([f"{time.monotonic() - self.began:.1f} s", *pieces]))
+            self.say("  ".join([f"{self.stepped_at - self.began:.1f} s", *pieces]))
 
     def _table(self) -> Table:
         table = Table.grid(padding=(0, 2))

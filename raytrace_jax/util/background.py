@@ -1,9 +1,8 @@
 """Work in another thread: a compilation cannot be interrupted, but whoever waits for it can be."""
 
 import contextlib
-import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TypeVar
 
 import jax
@@ -15,20 +14,13 @@ def run_beside(work: Callable[[], T], check: Callable[[], None], stop: Callable[
     """Return what `work()` returns, or raise what it raises; it is left behind should the wait for it end before.
 
     Args:
-        work: what is done in another thread, with this one's settings of JAX.
+        work: done in another thread, with this one's settings of JAX.
         check: called in this thread now and then; what it raises ends the wait, as Ctrl-C does.
-        stop: called once when the wait ends before the work: asks it to stop. It has half a second to do so.
+        stop: called when the wait ends before the work: asks it to stop within half a second.
     """
-    settings, outcome = thread_settings(), Future[T]()
-
-    def run() -> None:
-        try:
-            with settings():
-                outcome.set_result(work())
-        except BaseException as error:  # Ctrl-C is an exception too, where a callback raises it.
-            outcome.set_exception(error)
-
-    threading.Thread(target=run, name="fit").start()
+    pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="fit")
+    outcome = pool.submit(with_settings(work))
+    pool.shutdown(wait=False)
     try:
         while not outcome.done():
             wait([outcome], 0.2)  # On Windows Ctrl-C is noticed only in between.
@@ -58,25 +50,19 @@ class CompileAhead:
         self.thread.shutdown(wait=False, cancel_futures=True)
 
     def add(self, work: Callable[[], object]) -> None:
-        """Do this next. Errors are dropped here; the caller compiles again and meets the same error."""
-        settings = thread_settings()
-
-        def run() -> None:
-            with settings(), contextlib.suppress(Exception):
-                work()
-
-        self.thread.submit(run)
+        """Do this next. Its errors stay in its future: the caller compiles again and meets the same error."""
+        self.thread.submit(with_settings(work))
 
 
-def thread_settings() -> Callable[[], contextlib.ExitStack]:
-    """JAX's settings in this thread, as a context for another: each thread has its own."""
+def with_settings(work: Callable[[], T]) -> Callable[[], T]:
+    """Work for another thread with JAX's settings of this one: each thread has its own."""
     names = ("enable_x64", "debug_nans", "default_device", "default_matmul_precision")
     values = {name: getattr(jax.config, f"jax_{name}") for name in names}
 
-    def entered() -> contextlib.ExitStack:
-        stack = contextlib.ExitStack()
-        for name, value in values.items():
-            stack.enter_context(getattr(jax, name)(value))
-        return stack
+    def run() -> T:
+        with contextlib.ExitStack() as stack:
+            for name, value in values.items():
+                stack.enter_context(getattr(jax, name)(value))
+            return work()
 
-    return entered
+    return run

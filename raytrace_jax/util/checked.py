@@ -32,15 +32,6 @@ class Wanted(NamedTuple):
         is_above = self.above is None or number > self.above
         return self.least <= number <= self.most and is_above and (self.below is None or number < self.below)
 
-    @property
-    def limits(self) -> str:
-        """The limits in words."""
-        if self.least == -math.inf:
-            return ""
-        if (self.most, self.below) == (math.inf, None):
-            return f", {self.least} or more"
-        return f" from {self.least} to {self.most if self.below is None else f'less than {self.below}'}"
-
 
 class Checked:
     """A dataclass that refuses what its annotations do not allow; the rows of its tuples may be given as any rows.
@@ -66,13 +57,11 @@ class Checked:
 
 @functools.cache
 def hints(options: type) -> dict[str, Any]:
-    """The annotations of a dataclass' fields by name."""
     found = get_type_hints(options, include_extras=True)
     return {field.name: found[field.name] for field in dataclasses.fields(options)}
 
 
 def wanted(hint: Any) -> Wanted:
-    """The limits in an annotation."""
     found = [part for part in getattr(hint, "__metadata__", ()) if isinstance(part, Wanted)]
     return found[0] if found else Wanted()
 
@@ -86,12 +75,10 @@ def core(hint: Any) -> Any:
 
 
 def is_row(hint: Any) -> bool:
-    """Whether an annotation allows a row."""
     return get_origin(core(hint)) in (tuple, Sequence)
 
 
 def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
-    """Whether a value is what an annotation allows."""
     kinds, origin = get_args(hint), get_origin(hint)
     if origin is Annotated:
         return suits(value, kinds[0], wanted(hint))
@@ -118,13 +105,15 @@ def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
 
 
 def in_words(hint: Any) -> str:
-    """An annotation in words."""
     said, kind, words = wanted(hint), core(hint), words_of(hint)
     if said.words:
         return said.words
     if words:
         return ("names among " if is_row(hint) else "one of ") + ", ".join(map(str, words))
-    return {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}[kind] + said.limits
+    most = said.most if said.below is None else f"less than {said.below}"
+    limits = f", {said.least} or more" if most == math.inf else f" from {said.least} to {most}"
+    limits = "" if said.least == -math.inf else limits
+    return {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}[kind] + limits
 
 
 def words_of(hint: Any) -> tuple[Any, ...]:

@@ -10,13 +10,13 @@ import threading
 import weakref
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 from jax.core import Tracer
 from jax.export import Exported, export
 
-from raytrace_jax.util.kept_programs import TracedProgram, load_program, program_path, save_program
+from raytrace_jax.util.kept_programs import load_program, program_path, save_program
 from raytrace_jax.util.numerics import with_lower_ranks
 
 EXPORTED = "_exported"
@@ -76,52 +76,54 @@ class Jitted:
         ALL_JITTED.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """The function's results for these arguments."""
-        call = self._bind(args, kwargs)
-        if any(isinstance(leaf, Tracer) for leaf in call.leaves):
+        static, leaves, structure = self._bind(args, kwargs)
+        if any(isinstance(leaf, Tracer) for leaf in leaves):
             return self.within(*args, **kwargs)
-        return self._program(call)(call.leaves)
+        return self._program(static, leaves, structure)(leaves)
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
         """Compile the program for such arguments if there is none, and run nothing."""
-        self._program(self._bind(args, kwargs))
+        self._program(*self._bind(args, kwargs))
 
-    def _bind(self, args: tuple, kwargs: dict[str, Any]) -> "_Call":
+    def _bind(self, args: tuple, kwargs: dict[str, Any]) -> tuple[dict[str, Any], list[Any], Any]:
+        """Arguments by name: those that are static; and the arrays, flattened, with their tree's structure."""
         bound = self.signature.bind(*args, **kwargs)
         bound.apply_defaults()
         static = {name: value for name, value in bound.arguments.items() if name in self.static}
         arrays = {name: value for name, value in bound.arguments.items() if name not in self.static}
-        return _Call(static, *jax.tree.flatten(arrays))
+        return static, *jax.tree.flatten(arrays)
 
-    def _program(self, call: "_Call") -> Callable[[list[Any]], Any]:
+    def _program(self, static: dict[str, Any], leaves: list[Any], structure: Any) -> Callable[[list[Any]], Any]:
         """The compiled program for such arguments: from their arrays to the function's results."""
         # Settings that a program depends on besides its arguments.
         names = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_device")
         surroundings = *(getattr(jax.config, name) for name in names), jax.device_count()
-        key = tuple(call.static.items()), call.structure, tuple(map(_leaf_key, call.leaves)), surroundings
+        key = tuple(static.items()), structure, tuple(map(_leaf_key, leaves)), surroundings
         with self.lock:
             is_new = key not in self.programs
             program = self.programs.setdefault(key, Future())
         if is_new:
             try:
-                program.set_result(self._load_or_compile(call, key))
+                program.set_result(self._load_or_compile(static, leaves, structure, key))
             except BaseException as error:
                 # Waiters get the exception; the key is freed for a retry.
                 self.programs.pop(key, None)
                 program.set_exception(error)
         return program.result()
 
-    def _load_or_compile(self, call: "_Call", key: Hashable) -> Callable[[list[Any]], Any]:
+    def _load_or_compile(
+        self, static: dict[str, Any], arrays: list[Any], arrays_tree: Any, key: Hashable
+    ) -> Callable[[list[Any]], Any]:
         path = program_path(self.function, key)
-        traced = load_program(path) if path else None
-        if traced:
-            return _unflattened(_compiled(traced.exported, call.leaves), traced.structure)
+        if path and (traced := load_program(path)):
+            exported, structure = traced
+            return _unflattened(_compiled(exported, arrays), structure)
         structure = None
 
         @functools.wraps(self.function)
         def function(leaves):
             nonlocal structure
-            given = {**jax.tree.unflatten(call.structure, leaves), **call.static}
+            given = {**jax.tree.unflatten(arrays_tree, leaves), **static}
             # In the order of the signature, by place what can be: JAX's transformations ask for that.
             ordered = {name: given[name] for name in self.signature.parameters if name in given}
             bound = inspect.BoundArguments(self.signature, ordered)  # pyright: ignore[reportArgumentType]
@@ -130,22 +132,13 @@ class Jitted:
 
         jitted = jax.jit(function, compiler_options=compiler_options())
         if path is None:
-            return _unflattened(jitted.lower(call.leaves).compile(), structure)
-        exported = export(jitted)(call.leaves)
-        save_program(path, TracedProgram(exported, structure))
-        return _unflattened(_compiled(exported, call.leaves), structure)
-
-
-class _Call(NamedTuple):
-    """Arguments by name: those that are static; and the arrays, flattened, with their tree's structure."""
-
-    static: dict[str, Any]
-    leaves: list[Any]
-    structure: Any
+            return _unflattened(jitted.lower(arrays).compile(), structure)
+        exported = export(jitted)(arrays)
+        save_program(path, exported, structure)
+        return _unflattened(_compiled(exported, arrays), structure)
 
 
 def _unflattened(compiled: jax.stages.Compiled, structure: Any) -> Callable[[list[Any]], Any]:
-    """A compiled program whose results have their tree again."""
     return lambda leaves: jax.tree.unflatten(structure, compiled(leaves))
 
 
@@ -170,12 +163,10 @@ ALL_JITTED: weakref.WeakSet[Jitted] = weakref.WeakSet()
 
 
 def is_compiling() -> bool:
-    """Whether a program is being compiled."""
     return any(not program.done() for jitted in ALL_JITTED for program in list(jitted.programs.values()))
 
 
 def forget_programs() -> None:
-    """Give back the memory of all compiled programs."""
     for jitted in ALL_JITTED:
         jitted.programs.clear()
     jax.clear_caches()

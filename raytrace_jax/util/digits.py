@@ -6,8 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 
-MOST_DIGITS = 16
-"""No float64 has more digits than these for certain."""
+MOST_DIGITS = 16  # No float64 has more digits than these for certain.
 
 
 def format_number(value: np.floating) -> str:
@@ -28,10 +27,9 @@ def with_error(value: float, error: float, long: bool = False) -> str:
     """Write an estimate with its error, the one way that it is done everywhere.
 
     The short form is `1.33701(23)`: the parentheses hold the error to two digits, in units of the value's last ones.
-    An error from 1 to 9.9 keeps its point, `4.2(2.7)`. Numbers too large or small for that have a power of ten, as
-    `1.2345(12)e-7`. Where the error is beyond a float64's digits, both forms are `1.5 +- 3e-18`.
-
-    The long form is `1.33701 +- 0.00023`. An error of infinity is not determined, NaN is unknown.
+    An error from 1 to 9.9 keeps its point, `4.2(2.7)`; a power of ten follows, as `1.2345(12)e-7`. The long form is
+    `1.33701 +- 0.00023`, and both are `1.5 +- 3e-18` where an error is beyond a float64's digits. An error of infinity
+    is not determined, NaN is unknown.
     """
     if not math.isfinite(value) or not math.isfinite(error):
         return f"{value:.8g}, {'not determined' if error == math.inf else 'error unknown'}"

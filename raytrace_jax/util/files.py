@@ -19,10 +19,8 @@ from raytrace_jax.errors import RaytraceError
 def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = RaytraceError) -> Iterator[Path]:
     """Yield a temporary path in the folder of `path`; on success it is renamed onto `path`, else removed.
 
-    A reader, or a run that was interrupted, therefore sees the old file or the new one and never half of one.
-    Missing folders are made. The temporary name `.NAME.part-XXXXXXXX.SUFFIX` keeps the suffix, since some
-    libraries choose the format by it. The body writes the file and does nothing else with files: every OSError
-    in it is reported as a failure to write `path`. A symbolic link is followed.
+    Missing folders are made, a symbolic link is followed. The temporary name `.NAME.part-XXXXXXXX.SUFFIX` keeps the
+    suffix, by which some libraries choose the format. Every OSError in the body is a failure to write `path`.
 
     Raises:
         error: the folder cannot be made or written, `path` is not an ordinary file, the disk is full.
@@ -48,10 +46,7 @@ def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = R
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text in UTF-8, whole or not at all. Raises RaytraceError as `atomic_write`.
-
-    The name of a file in it need not be UTF-8: what UTF-8 lacks is written as on stdout.
-    """
+    """Write a text as `atomic_write`; the names of files in it may have what UTF-8 lacks, which is escaped."""
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
@@ -85,7 +80,6 @@ def read_toml(path: Path, error: type[RaytraceError] = RaytraceError) -> dict[st
 
 
 def write_failure(cause: OSError, folder: Path) -> str:
-    """Why nothing could be written in a folder, in words."""
     if cause.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
         return f"the folder {folder} is not writable"
     if cause.errno in (errno.ENOSPC, errno.EDQUOT):
@@ -105,9 +99,9 @@ def _close_matches(path: Path) -> str:
     return f"; did you mean {' or '.join(matches)}?" if matches else ""
 
 
-def json_text(value: object, *, indent: int | None = 2) -> str:
+def json_text(value: object) -> str:
     """The JSON text of a value, as `strict` has it, with a line end."""
-    return json.dumps(strict(value), indent=indent, allow_nan=False) + "\n"
+    return json.dumps(strict(value), indent=2, allow_nan=False) + "\n"
 
 
 def strict(value: object) -> object:

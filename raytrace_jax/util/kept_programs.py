@@ -14,15 +14,14 @@ import sys
 from collections.abc import Callable, Hashable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 from jax.export import Exported, deserialize
 
 from raytrace_jax.util.files import atomic_write
 
-MOST_BYTES = 1_000_000_000
-"""Room that programs may take, ours and JAX's, up to a megabyte each: of more, the oldest go."""
+MOST_BYTES = 1_000_000_000  # For programs, ours and JAX's, up to a megabyte each: of more, the oldest go.
 
 _folder: Path | None = None
 
@@ -33,18 +32,8 @@ def keep_programs(folder: Path | None) -> None:
     _folder = folder
 
 
-class TracedProgram(NamedTuple):
-    """A traced and lowered program, from a list of arrays to that of the results, with the results' tree."""
-
-    exported: Exported
-    structure: Any
-
-
 def program_path(function: Callable, key: Hashable) -> Path | None:
-    """The file of a program; None where none is kept.
-
-    Functions within functions depend on what they enclose, others' functions on what we do not see: not kept.
-    """
+    """The file of a program; None for functions within functions and of others, which depend on what we do not see."""
     name = f"{function.__module__}.{function.__qualname__}"
     if _folder is None or not name.startswith("raytrace_jax.") or "<" in name:
         return None
@@ -64,24 +53,23 @@ def _fingerprint() -> str:
     return found.hexdigest()[:16]
 
 
-def load_program(path: Path) -> TracedProgram | None:
-    """The program that was kept in a file, if there is one that can be used."""
+def load_program(path: Path) -> tuple[Exported, Any] | None:
+    """A traced program, from a list of arrays to that of the results, and the results' tree; None without a file."""
     try:
         stored, example = pickle.loads(path.read_bytes())
         exported = deserialize(bytearray(stored))
         os.utime(path)
-        return TracedProgram(exported, jax.tree.structure(example))
+        return exported, jax.tree.structure(example)
     except Exception:  # Whatever may be wrong with a file of a cache: it can be made anew.
         return None
 
 
-def save_program(path: Path, program: TracedProgram) -> None:
-    """Keep a program, if it can be kept."""
+def save_program(path: Path, exported: Exported, structure: Any) -> None:
     # A program that cannot be stored, or a disk that is full, costs the next process time and nothing else.
     with contextlib.suppress(Exception):
         # A structure cannot be stored, what has it can.
-        example = jax.tree.unflatten(program.structure, range(program.structure.num_leaves))
-        content = pickle.dumps((bytes(program.exported.serialize()), example))
+        example = jax.tree.unflatten(structure, range(structure.num_leaves))
+        content = pickle.dumps((bytes(exported.serialize()), example))
         with atomic_write(path) as temporary:
             temporary.write_bytes(content)
         _make_room(path.parents[2])

@@ -21,16 +21,14 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 TINY = 1e-300
-"""A divisor in float64 is at least this, lest it is 0: far below all that is divided by, and above the least normal
-number, 2e-308."""
-
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of Gaussian noise over the median of its magnitude: 1 / 0.6745, the normal distribution's third
-quartile."""
+"""A divisor in float64 is at least this, lest it is 0: above the least normal number, 2e-308."""
 
 TINY_32 = 1e-30
-"""A divisor in any dtype is at least this, also under a square root: the least normal number of float32 is 1e-38, and a
-footprint of the root, 1e-15 units, is below the rounding of every point."""
+"""A divisor in any dtype is at least this, also under a square root: the least normal number of float32 is 1e-38, and
+the root, 1e-15 units, is below the rounding of every point."""
+
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of Gaussian noise over the median of its magnitude: 1 over the normal quartile, 0.6745."""
 
 
 def with_lower_ranks(function: F) -> F:
@@ -50,7 +48,6 @@ def dot(a: Float[Array, "3 *rays"], b: Float[Array, "3 *#rays"]) -> Float[Array,
 
 
 def dot_fixed(a: Float[Array, "3"], b: Float[Array, "3 *rays"]) -> Float[Array, " *rays"]:
-    """Inner product of one vector with many."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -60,7 +57,6 @@ def per_ray(vector: Float[Array, "3"], ray_axes: int) -> Float[Array, "3 *ones"]
 
 
 def vectors_to(end: Float[Array, "3"], o: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
-    """Vectors from many points to one."""
     return per_ray(end, o.ndim - 1) - o
 
 
@@ -91,10 +87,7 @@ def _safe_normalize_jvp(primals, tangents):
 
 
 def safe_sqrt(x: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
-    """`sqrt(max(x, 0))` whose derivative is zero, not infinite or NaN, where `x <= 0`.
-
-    The input is guarded, not the output: `where(x > 0, sqrt(x), 0)` alone would still differentiate to NaN.
-    """
+    """`sqrt(max(x, 0))` whose derivative is zero where `x <= 0`: `where(x > 0, sqrt(x), 0)` has a derivative of NaN."""
     positive = x > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1)), 0)
 
@@ -102,9 +95,8 @@ def safe_sqrt(x: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
 def mean_sqrt(x: Float[Array, " *rays"], width: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
     """The mean of `safe_sqrt` over an interval of that width, not negative, around `x`; `safe_sqrt(x)` where it is 0.
 
-    Its derivative is the root's mean one, at most `1 / sqrt(width)`, where the root's own has no limit. With p and q
-    the roots at the interval's ends the mean is `2/3 (p^3 - q^3) / width`, written without a difference of the two; the
-    width is a constant to the derivative.
+    Its derivative is the root's mean one, at most `1 / sqrt(width)`; the width is a constant to it. With p and q the
+    roots at the interval's ends the mean is `2/3 (p^3 - q^3) / width`, written without a difference of the two.
     """
     width = jax.lax.stop_gradient(width)
     fixed = jax.lax.stop_gradient(x)
@@ -156,16 +148,15 @@ def instantiated(tangents: T) -> T:
 
 
 def any_nonzero(color: Float[Array, "3 *rays"]) -> Bool[Array, " *rays"]:
-    """Whether any channel is not zero."""
     return (color[0] != 0) | (color[1] != 0) | (color[2] != 0)
 
 
 def materialize(values: T, live: Bool[Array, "*rays"]) -> T:
     """The values themselves, computed once and stored; zeros if no ray is live at all.
 
-    XLA fuses a cheap computation into everything that uses it and computes it anew in each. Across many stages of many
-    uses, and in derivatives with many directions, that takes two to four times as long. Nothing is fused across a
-    condition, so this one, which also skips a level that nobody reached, is where stages end.
+    XLA fuses a cheap computation into all that uses it and computes it anew in each: across many stages, and in
+    derivatives with many directions, two to four times as long. Nothing is fused across a condition, so that stages end
+    at this one, which also skips a level that nobody reached.
     """
     return jax.lax.cond(jnp.any(live), lambda x: x, lambda x: jax.tree.map(jnp.zeros_like, x), values)
 
@@ -210,5 +201,4 @@ def real_numbers(values: object) -> np.ndarray:
 
 
 def is_masked(values: object) -> Bool[np.ndarray, "*any"]:
-    """Which of some values `numpy.ma` masks."""
     return np.ma.getmaskarray(np.ma.asarray(values))

@@ -15,29 +15,19 @@ from raytrace_jax.util.kept_programs import keep_programs
 
 @contextlib.contextmanager
 def jax_session(precision: int, devices: int | None = None) -> Iterator[None]:
-    """Run JAX with 32 or 64 bits, on all cores, and with compiled programs kept from one process to the next.
+    """Run JAX with 32 or 64 bits, on all cores up to 8 or so many `devices`, and with compiled programs kept.
 
-    Cores and cache can be chosen only before JAX starts: in a process that uses it already they stay as they are.
-    Without a number of `devices` all cores are taken, up to 8. May warn as `enable_compile_cache`.
+    In a process that uses JAX already cores and cache stay as they are. May warn as `enable_compile_cache`.
     """
     # macOS and Windows do not tell how many cores this process may use.
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if _use_cores(devices or min(cores, 8)):
+    by_flag = "host_platform_device_count" in os.environ.get("XLA_FLAGS", "")
+    with contextlib.suppress(RuntimeError):  # JAX runs already.
+        if not by_flag and jax.config.jax_num_cpu_devices == -1:  # pyright: ignore[reportAttributeAccessIssue]
+            jax.config.update("jax_num_cpu_devices", devices or min(cores, 8))
         enable_compile_cache()
     with jax.enable_x64(precision == 64):
         yield
-
-
-def _use_cores(count: int) -> bool:
-    """Make each of some cores a device of its own, unless the user has chosen; False if JAX runs already."""
-    by_flag = "host_platform_device_count" in os.environ.get("XLA_FLAGS", "")
-    if by_flag or jax.config.jax_num_cpu_devices != -1:  # pyright: ignore[reportAttributeAccessIssue]
-        return True
-    try:
-        jax.config.update("jax_num_cpu_devices", count)
-    except RuntimeError:
-        return False
-    return True
 
 
 def enable_compile_cache(folder: str | os.PathLike[str] | None = None) -> None:
@@ -81,10 +71,7 @@ CGROUP = Path("/sys/fs/cgroup")
 
 
 def free_memory() -> int | None:
-    """Bytes that this process may still take: what the machine, its container and its own limit leave; None if unknown.
-
-    Linux tells all of these; elsewhere it is all of the machine's memory, or nothing is known.
-    """
+    """Bytes that the machine, a container and the process' own limit leave; less is known outside Linux, or None."""
     return min(_bounds(), default=None)
 
 

@@ -13,18 +13,20 @@ from raytrace_jax.errors import RaytraceError
 LONGEST_QUOTE, LONGEST_LIST = 60, 30
 
 
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST_QUOTE else text[:LONGEST_QUOTE] + "…"
+
+
 def quoted(text: str) -> str:
-    """Quote user input on one line, cut to a readable length."""
-    shown = text if len(text) <= LONGEST_QUOTE else text[:LONGEST_QUOTE] + "…"
-    return repr(shown)
+    """User input in quotes on one line, cut to a readable length."""
+    return repr(_cut(text))
 
 
 def listed(names: Iterable[str]) -> str:
-    """List names with commas, cut to a readable length; `none` if there are none."""
+    """Names with commas between, cut to a readable length; `none` if there are none."""
     names = list(names)
-    shown = [name if len(name) <= LONGEST_QUOTE else name[:LONGEST_QUOTE] + "…" for name in names[:LONGEST_LIST]]
     rest = f" and {len(names) - LONGEST_LIST} more" if len(names) > LONGEST_LIST else ""
-    return (", ".join(shown) or "none") + rest
+    return (", ".join(map(_cut, names[:LONGEST_LIST])) or "none") + rest
 
 
 def is_unicode(text: str) -> bool:
@@ -48,7 +50,6 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows of cells as lines of columns of one width each."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
@@ -97,10 +98,7 @@ PaperName = Literal["a4", "a3", "letter"]
 PAPERS: dict[PaperName, tuple[float, float]] = {"a4": (297.0, 210.0), "a3": (420.0, 297.0), "letter": (279.4, 215.9)}
 """Width and height of the papers that are printed on, in millimetres, lying on the longer side."""
 
-WANTED = "a length with its unit is wanted, as 10mm, 1cm or 0.4in"
-NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-LENGTH = re.compile(rf"\s*([+-]?{NUMBER})\s*([A-Za-zµ]*)\s*")
-APART = re.compile(r"\+-|\+/-|±")
+LENGTH = re.compile(rf"\s*({_NUMBER.pattern})\s*([A-Za-zµ]*)\s*")
 
 
 def millimetres(text: str) -> float:
@@ -109,7 +107,8 @@ def millimetres(text: str) -> float:
     Raises:
         RaytraceError: it is no number with a unit, or not greater than 0.
     """
-    return _positive(*_parts(text, text, WANTED), text)
+    length, _ = _length(text, text, "a length with its unit is wanted, as 10mm, 1cm or 0.4in")
+    return _positive(length, text)
 
 
 def with_tolerance(text: str) -> tuple[float, float]:
@@ -120,34 +119,30 @@ def with_tolerance(text: str) -> tuple[float, float]:
     Raises:
         RaytraceError: a part is no number with a unit, the length is not greater than 0, or the deviation is below 0.
     """
-    value, *others = APART.split(text)
-    if not others:
+    value, *deviation = re.split(r"\+-|\+/-|±", text, maxsplit=1)
+    if not deviation:
         return millimetres(text), 0.0
-    wanted = "a length and its standard deviation are wanted, as 40+-0.02mm"
-    if len(others) > 1:
-        raise RaytraceError(f"{quoted(text)}: {wanted}, with one +-.")
-    sigma, unit = _parts(others[0], text, wanted)
-    bare = re.fullmatch(rf"\s*[+-]?{NUMBER}\s*", value)
-    length, length_unit = _parts(value + unit if bare else value, text, wanted)
+    wanted = "a length and its standard deviation are wanted, as 40+-0.02mm, with one +-"
+    sigma, unit = _length(deviation[0], text, wanted)
     if sigma < 0:
         raise RaytraceError(f"{quoted(text)}: a standard deviation is 0 or greater.")
-    return _positive(length, length_unit, text), sigma * MILLIMETRES[unit]
+    length, _ = _length(value, text, wanted, unit)
+    return _positive(length, text), sigma
 
 
-def _parts(text: str, whole: str, wanted: str) -> tuple[float, str]:
-    """The number and the unit of a text, which is a part of the `whole` that messages quote."""
+def _length(text: str, whole: str, wanted: str, unit: str = "") -> tuple[float, str]:
+    """The millimetres of a part of the text that messages quote, and its unit, which is `unit` if it has none."""
     match = LENGTH.fullmatch(text)
     if match is None:
         raise RaytraceError(f"{quoted(whole)} came, and {wanted}.")
-    number, unit = float(match[1]), match[2].lower()
+    unit = match[2].lower() or unit
     if unit not in MILLIMETRES:
         what = f"the unit {quoted(match[2])} is unknown" if unit else "it has no unit"
         raise RaytraceError(f"{quoted(whole)}: {what}, and {wanted}; units are {', '.join(MILLIMETRES)}.")
-    return number, unit
+    return float(match[1]) * MILLIMETRES[unit], unit
 
 
-def _positive(number: float, unit: str, whole: str) -> float:
-    length = number * MILLIMETRES[unit]
+def _positive(length: float, whole: str) -> float:
     if not (length > 0 and math.isfinite(length)):
         raise RaytraceError(f"{quoted(whole)} came, and a length greater than 0 is wanted.")
     return length

@@ -60,6 +60,8 @@ def test_a_job_that_kills_its_workers_fails_alone(jobs, tmp_path, monkeypatch):
     assert sorted(name for name, _ in reported) == sorted(job.name for job in jobs)
     assert [name for name, status in reported if status == "failed"] == [killer.name]
     assert "died" in read_record(tmp_path, killer).message
+    write_record(tmp_path, jobs[0], JobRecord("failed", "late"))  # It never replaces what is done.
+    assert read_record(tmp_path, jobs[0]).status == "done"
 
 
 def test_a_scheduler_that_goes_away_is_said(jobs, tmp_path, monkeypatch):
@@ -67,12 +69,6 @@ def test_a_scheduler_that_goes_away_is_said(jobs, tmp_path, monkeypatch):
         run_with(monkeypatch, jobs, tmp_path, lambda job: ("cancelled", None))
     with pytest.raises(RaytraceError, match="a worker failed: no room"):
         run_with(monkeypatch, jobs, tmp_path, lambda job: ("error", OSError("no room")))
-
-
-def test_a_failure_never_replaces_what_is_done(jobs, tmp_path):
-    write_record(tmp_path, jobs[0], JobRecord("done"))
-    write_record(tmp_path, jobs[0], JobRecord("failed", "late"))
-    assert read_record(tmp_path, jobs[0]).status == "done"
 
 
 def test_no_scheduler_at_the_address_is_one_message(jobs, tmp_path, monkeypatch, capsys):

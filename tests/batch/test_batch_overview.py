@@ -1,6 +1,7 @@
 """What people see of a batch: the names of its files, the contact sheet and the page, without tracing a ray."""
 
 import dataclasses
+import itertools
 import json
 import re
 from urllib.parse import unquote
@@ -79,21 +80,22 @@ def test_the_page_has_a_row_a_job_and_its_links_lead_to_files(jobs_of, tmp_path)
 def test_the_sheet_has_a_cell_for_each_picture_and_a_bounded_size(tmp_path):
     Image.new("RGB", (16, 12), "red").save(tmp_path / "red.png")
     (tmp_path / "broken.png").write_text("no picture")
-    cells = [LabelledPicture(tmp_path / "red.png", ["ior = 1.2"])] * 3 + [
-        LabelledPicture(None, ["failed"]),
-        LabelledPicture(tmp_path / "broken.png", []),
-    ]
+    cells = [LabelledPicture(tmp_path / "red.png", ["ior = 1.2"])] * 3
+    cells += [LabelledPicture(None, ["failed"]), LabelledPicture(tmp_path / "broken.png", [])]
     sheet, plan = draw_contact_sheet(cells), layout(5, (16, 12), 1)
     right, down = plan.pitch
     assert sheet.size == (3 * right + GAP, 2 * down + GAP)
     middles = [(GAP + x * right + 80, GAP + y * down + 60) for y in range(2) for x in range(3)]
     red, grey, white = (255, 0, 0), (208, 208, 208), (255, 255, 255)
     assert [sheet.getpixel(middle) for middle in middles] == [red, red, red, grey, grey, white]
-    for count in (1, 7, 300, 2000, 10_000):
-        for size in ((16, 12), (4000, 3000), (30, 3000)):
-            plan = layout(count, size, 9)
-            assert plan.columns * plan.rows >= count
-            assert plan.columns * plan.pitch[0] <= LARGEST and plan.rows * plan.pitch[1] <= 2.2 * LARGEST
+    for count, size in itertools.product((1, 7, 300, 2000, 10_000), ((16, 12), (4000, 3000), (30, 3000))):
+        plan = layout(count, size, 9)
+        assert plan.columns * plan.rows >= count
+        assert plan.columns * plan.pitch[0] <= LARGEST and plan.rows * plan.pitch[1] <= 2.2 * LARGEST
+    # It shows light as a screen does.
+    write_png(tmp_path / "grey.png", np.full((3, 30, 40), 0.5))
+    sheet = draw_contact_sheet([LabelledPicture(tmp_path / "grey.png", ["grey"])])
+    assert sheet.getpixel((sheet.width // 2, GAP + 20)) == (188, 188, 188)
 
 
 def test_a_row_of_the_sheet_is_one_of_the_grid(jobs_of, tmp_path):
@@ -107,9 +109,3 @@ def test_a_row_of_the_sheet_is_one_of_the_grid(jobs_of, tmp_path):
     with Image.open(tmp_path / "contact.png") as sheet:
         right, down = layout(24, (16, 12), 2, 8).pitch
         assert sheet.size == (8 * right + GAP, 3 * down + GAP)
-
-
-def test_the_sheet_shows_light_as_a_screen_does(tmp_path):
-    write_png(tmp_path / "grey.png", np.full((3, 30, 40), 0.5))
-    sheet = draw_contact_sheet([LabelledPicture(tmp_path / "grey.png", ["grey"])])
-    assert sheet.getpixel((sheet.width // 2, GAP + 20)) == (188, 188, 188)

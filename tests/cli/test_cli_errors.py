@@ -24,7 +24,7 @@ BAD_INPUT = [
     (2, ["render", VITREOUS, "-o", "a.exr", "--sampels", 2], ["--samples"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--samples", 0], ["--samples is 0", "1 to 64"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--samples", "two"], ["two"]),
-    (2, ["render", VITREOUS, "-o", "a.exr", "--size", 40], ["--size", "2 whole numbers are wanted, W H, and 40 came"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--size", 40], ["--size W H", "expected argument count 2"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--crop", 600, 0, 100, 100], ["--crop (600, 0, 100, 100)", "640 x 480"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--aov", "depht"], ["depht"]),
     (2, ["render", VITREOUS, "-o", "a.jpg"], ["a.jpg", ".exr or .png"]),
@@ -41,11 +41,7 @@ BAD_INPUT = [
     (1, ["render", VITREOUS, "-o", "."], [".: cannot be written: it is a folder"]),
     (1, ["render", VITREOUS, "-o", "/"], ["/: cannot be written: it is a folder"]),
     (1, ["rays", VITREOUS, "-o", ".", "--pixel", 1, 2], [".: cannot be written: it is a folder"]),
-    (
-        1,
-        ["export", VITREOUS, "-o", "/", "--to", "mitsuba", "--model", "physical"],
-        ["/: cannot be written: it is a folder"],
-    ),
+    (1, ["export", "vitreous", "-o", "/", "--to", "mitsuba", "--model", "physical"], ["/: cannot be written: it is a"]),
     (1, ["render", VITREOUS, "-o", "file/a.exr"], ["is not a folder"]),
     (1, ["info", "file"], ["file:1:1"]),
     (2, ["grad", VITREOUS, "-o", "a.exr"], ["--wrt"]),
@@ -101,9 +97,9 @@ def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch,
     def never(*_, **__):
         raise AssertionError("work has begun")
 
-    for work in ("render.render", "fit.fit", "pictures.picture_derivatives", "pictures.render"):
-        replace_work(work, never)
-    for work in ("explain.draw_tree", "explain.make_server"):
+    for work in ("render", "picture_derivatives"):
+        replace_work(f"pictures.{work}", never)
+    for work in ("render.render", "fit.fit", "explain.draw_tree", "explain.make_server"):
         replace_work(work, never)
     monkeypatch.setattr("raytrace_jax.tracer.derivatives.render", never)
     monkeypatch.setenv("PATH", "")  # Without ffmpeg.
@@ -116,13 +112,11 @@ def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch,
     assert run(*arguments) == code
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert "Traceback" not in captured.err and "AssertionError" not in captured.err
     if code == 1:
         assert captured.err.startswith("error: ") and captured.err.count("\n") == 1
     told = " ".join(captured.err.split())
-    for word in words:
-        assert word in told
-    assert "NoneType" not in captured.err and "{None" not in captured.err
+    assert all(word in told for word in words)
+    assert not any(word in told for word in ("Traceback", "AssertionError", "NoneType", "{None"))
     assert sorted(Path().rglob("*")) == before
 
 
@@ -138,11 +132,12 @@ WRITING = [
 ]
 
 
+REFUSALS = {13: "is not writable", 2: "no folder can be made in", 28: "full"}
+
+
 @pytest.mark.parametrize("arguments", WRITING)
-@pytest.mark.parametrize(("number", "words"), [(13, "is not writable"), (2, "no folder can be made in"), (28, "full")])
-def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
-    arguments, number, words, tmp_path, monkeypatch, capsys
-):
+@pytest.mark.parametrize("number", REFUSALS)
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(arguments, number, tmp_path, monkeypatch, capsys):
     """As /proc, which root may write as far as its rights go, and in which no folder can be made."""
 
     def refuse(*_, **__):
@@ -156,7 +151,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
     assert run(*arguments) == 1
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.startswith("error: new: cannot be written: ")
-    assert words in captured.err
+    assert REFUSALS[number] in captured.err
 
 
 @pytest.mark.parametrize(
@@ -177,8 +172,7 @@ def test_what_fails_on_the_way_is_one_message(error, code, words, tmp_path, monk
     assert run("render", VITREOUS, "-o", tmp_path / "a.exr", *SMALL) == code
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.startswith("error: ") and captured.err.count("\n") == 1
-    for word in words:
-        assert word in captured.err
+    assert all(word in captured.err for word in words)
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setenv("RAYTRACE_JAX_TRACEBACK", "1")
     run("render", VITREOUS, "-o", tmp_path / "a.exr", *SMALL)

@@ -18,50 +18,43 @@ from rich.console import Console
 from raytrace_jax import read_picture, write_png
 from raytrace_jax.cli import progress
 from raytrace_jax.cli.console import UsageError
-from raytrace_jax.cli.options.fits import parse_prior, parse_tie
+from raytrace_jax.cli.options.fits import Fit, read_prior
 from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress, Timer
 from raytrace_jax.images.transfer import ENCODERS
 
 TARGET = np.random.default_rng(0).uniform(size=(3, 30, 40))
 
 
-@pytest.mark.parametrize(
-    ("read", "text", "expected"),
-    [
-        (parse_tie, "cyan.ior=vitreous.ior", ("cyan.ior", "vitreous.ior")),
-        (parse_tie, "odd=name.ior=ball.ior", ("odd=name.ior", "ball.ior")),
-        (parse_prior, "ball.radius=2.3±0.01", ("ball.radius", (2.3, 0.01))),
-        (parse_prior, " ball.radius = 2.3 +- 0.01 ", ("ball.radius", (2.3, 0.01))),
-        (parse_prior, "ball.center.z=-1e-3 ± 2E+1", ("ball.center.z", (-1e-3, 20.0))),
-    ],
-)
-def test_a_tie_has_a_leader_and_a_prior_mean_and_standard_deviation(read, text, expected):
-    assert read(text) == expected
+def options_of(**texts):
+    return Fit(scene=VITREOUS, target=VITREOUS, free=(), output=VITREOUS, **texts).fit_options()
+
+
+def test_a_tie_has_a_leader_and_a_prior_mean_and_standard_deviation():
+    ties = options_of(tie=("cyan.ior=vitreous.ior", "odd=name.ior=ball.ior")).ties
+    assert ties == {"cyan.ior": "vitreous.ior", "odd=name.ior": "ball.ior"}
+    texts = ("ball.radius=2.3±0.01", " ball.ior = 2.3 +- 0.01 ", "ball.center.z=-1e-3 ± 2E+1")
+    priors = {"ball.radius": (2.3, 0.01), "ball.ior": (2.3, 0.01), "ball.center.z": (-1e-3, 20.0)}
+    assert options_of(prior=texts).priors == priors
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.floats(0, allow_infinity=False), st.sampled_from("±+"))
 def test_a_priors_numbers_keep_every_bit(mean, deviation, sign):
-    text = f"a.ior={mean!r}{sign.replace('+', '+-')}{deviation!r}"
-    assert parse_prior(text) == ("a.ior", (mean, deviation))
+    assert read_prior(f"{mean!r}{sign.replace('+', '+-')}{deviation!r}") == (mean, deviation)
 
 
-@pytest.mark.parametrize("more", ["", " "])
-@pytest.mark.parametrize(
-    ("read", "form", "texts"),
-    [
-        (parse_tie, "NAME=FREE, as cyan.ior=vitreous.ior", ["", "=", "a.ior=", "=b.ior"]),
-        (
-            parse_prior,
+def test_what_is_no_assignment_is_refused_with_the_way_to_write_one():
+    forms = {
+        "tie": ("NAME=FREE, as cyan.ior=vitreous.ior", ["", "=", "a.ior=", "=b.ior"]),
+        "prior": (
             "NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01",
             ["x", "a.ior", "a.ior=1", "a.ior=1+-", "a.ior=+-1", "=1+-2", "1+-2"],
         ),
-    ],
-)
-def test_what_is_no_assignment_is_refused_with_the_way_to_write_one(read, form, texts, more):
-    for text in texts:
-        with pytest.raises(UsageError) as caught:
-            read(text + more)
-        assert str(caught.value) == f"--{read.__name__.removeprefix('parse_')} {text + more}: write {form}."
+    }
+    for option, (form, texts) in forms.items():
+        for text in (*texts, *(f"{text} " for text in texts)):
+            with pytest.raises(UsageError) as caught:
+                options_of(**{option: (text,)})
+            assert str(caught.value) == f"--{option} {text}: write {form}."
 
 
 @pytest.fixture
@@ -83,30 +76,21 @@ def test_without_a_terminal_each_phase_and_each_step_is_a_line_by_one_clock(cloc
     def work(progress, result):
         progress.phase("scanning: compiling")
         clock.time += 2.25
-        progress.phase("solving from start 1")
-        for step in result.history.steps[-2:]:
-            progress.step(step)
-
-    assert shown(work).splitlines() == [
-        "0.0 s  scanning: compiling",
-        "2.2 s  solving from start 1",
-        "2.2 s  start 1  blur 0 px  step 0  cost 0.5  vitreous.ior 1.391333  vitreous.radius 2.2",
-        "2.2 s  start 1  blur 0 px  step 1 (rejected)  cost 0.6  vitreous.ior 1.337  vitreous.radius 2.3",
-    ]
-
-
-def test_without_a_terminal_phases_of_a_kind_are_lines_now_and_then(clock):
-    def work(progress, _):
         for pictures in range(50, 1050, 50):  # One a second.
             progress.phase(f"scanning, {pictures} pictures")
             clock.time += 1
         progress.phase("solving from start 1")
-        progress.phase("scanning, 0 pictures")
+        for step in result.history.steps[-2:]:
+            progress.step(step)
 
-    lines = [line.split("  ")[1] for line in shown(work).splitlines()]
-    every = int(SECONDS_BETWEEN) + 1
-    expected = [f"scanning, {50 + 50 * second} pictures" for second in range(0, 20, every)]
-    assert lines == [*expected, "solving from start 1", "scanning, 0 pictures"]
+    every = int(SECONDS_BETWEEN) + 1  # Phases of a kind are lines now and then.
+    assert shown(work).splitlines() == [
+        "0.0 s  scanning: compiling",
+        *(f"{2.25 + second:.1f} s  scanning, {50 + 50 * second} pictures" for second in range(0, 20, every)),
+        "22.2 s  solving from start 1",
+        "22.2 s  start 1  blur 0 px  step 0  cost 0.5  vitreous.ior 1.391333  vitreous.radius 2.2",
+        "22.2 s  start 1  blur 0 px  step 1 (rejected)  cost 0.6  vitreous.ior 1.337  vitreous.radius 2.3",
+    ]
 
 
 def everything(progress, result):
@@ -116,12 +100,8 @@ def everything(progress, result):
     progress.phase("writing the report")
 
 
-@pytest.mark.parametrize("is_terminal", [False, True])
-def test_a_quiet_console_shows_nothing(is_terminal):
-    assert shown(everything, quiet=True, force_terminal=is_terminal) == ""
-
-
-def test_on_a_terminal_there_is_one_table_that_changes():
+def test_on_a_terminal_there_is_one_table_that_changes_and_quiet_there_is_nothing():
+    assert not shown(everything, quiet=True) and not shown(everything, quiet=True, force_terminal=True)
     last = shown(everything, force_terminal=True).rpartition("writing the report")[2]
     for words in ("start", "blur", "0 px", "1 (rejected)", "0.6", "vitreous.ior", "1.337", "vitreous.radius", "2.3"):
         assert words in last
@@ -163,17 +143,12 @@ def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments,
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"fit.txt", "result.json"}
 
 
-def test_the_fitted_scene_keeps_the_comments_of_the_start(arguments, replace_work, tmp_path):
+def test_the_fitted_scene_keeps_comments_and_the_figure_is_a_pdf_too(arguments, replace_work, tmp_path):
     replace_work("fit.fit", lambda *_, **__: fake_result())
     scene = tmp_path / "scene.txt"
     scene.write_text("# Measured on Monday.\n\n" + VITREOUS.read_text())
-    assert run("fit", scene, *arguments[2:], *FREE) == 0
+    assert run("fit", scene, *arguments[2:], *FREE, "--transfer", "course", "--pdf") == 0
     assert (tmp_path / "out" / "fit.txt").read_text().startswith("# Measured on Monday.\n")
-
-
-def test_the_figure_is_a_pdf_too_if_that_is_asked_for(arguments, replace_work, tmp_path):
-    replace_work("fit.fit", lambda *_, **__: fake_result())
-    assert run(*arguments, *FREE, "--transfer", "course", "--pdf") == 0
     assert (tmp_path / "out" / "report.pdf").read_bytes().startswith(b"%PDF-")
 
 

@@ -17,22 +17,20 @@ ROOT = Path(__file__).parents[2]
 VITREOUS = ROOT / "data" / "vitreous.txt"
 
 
-def process(*arguments, **environment):
-    # What this process has been told about JAX must not reach the other one.
-    inherited = {key: value for key, value in os.environ.items() if not key.startswith(("JAX_", "XLA_"))}
-    return subprocess.run(
-        [sys.executable, "-m", "raytrace_jax", *map(str, arguments)],
-        env={**inherited, "PYTHONPATH": str(ROOT), **environment},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+# What this process has been told about JAX must not reach another one.
+ENVIRONMENT = {key: value for key, value in os.environ.items() if not key.startswith(("JAX_", "XLA_"))}
+ENVIRONMENT |= {"PYTHONPATH": str(ROOT)}
+PROGRAM = [sys.executable, "-m", "raytrace_jax"]
+
+
+def process(*arguments):
+    command = [*PROGRAM, *map(str, arguments)]
+    return subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=120)
 
 
 def runs_without(modules, code):
     code = f"import sys; {code}; assert not {{*{modules}}} & {{*sys.modules}}"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run([sys.executable, "-c", code], env=environment, timeout=60).returncode == 0
+    return subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, timeout=60).returncode == 0
 
 
 @pytest.mark.slow
@@ -46,40 +44,29 @@ def test_a_process_that_has_read_a_picture_ends_without_complaints_of_libraries(
 @pytest.mark.slow
 def test_what_a_cluster_sends_before_it_kills_ends_a_fit_with_what_it_has(tmp_path):
     write_png(tmp_path / "a.png", np.random.default_rng(0).uniform(size=(3, 60, 80)))
-    command = [sys.executable, "-m", "raytrace_jax", "fit", VITREOUS, tmp_path / "a.png", "--free", "vitreous.ior"]
-    out = tmp_path / "out"
-    fit = subprocess.Popen(
-        [*map(str, command), "-o", str(out), "--size", "80", "60"],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    command = [*PROGRAM, "fit", str(VITREOUS), str(tmp_path / "a.png"), "--free", "vitreous.ior"]
+    command += ["-o", str(tmp_path / "out"), "--size", "80", "60"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    fit = subprocess.Popen(command, env=ENVIRONMENT, **pipes)
     next(line for line in fit.stderr if "  start 1  " in line)  # The solver has begun.
     fit.send_signal(signal.SIGTERM)
     said, _ = fit.communicate(timeout=60)
     assert fit.returncode == 3 and "interrupted: interrupted by the user" in said
-    assert json.loads((out / "result.json").read_text())["status"] == "interrupted"
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == "interrupted"
 
 
-def test_help_does_not_load_jax():
-    assert runs_without(["jax", "numpy"], "from raytrace_jax.cli import main; main(['--help'])")
-
-
-def test_a_missing_file_is_told_before_jax_is_loaded():
-    for command in (["render", "none", "-o", "a.exr"], ["batch", "none.toml", "-o", "a"]):
-        assert runs_without(["jax", "numpy"], f"from raytrace_jax.cli import main; assert main({command}) == 1")
-
-
-def test_the_version_waits_for_nothing():
+def test_help_version_missing_files_and_options_do_not_wait_for_jax():
+    commands = {("--help",): 0, ("render", "none", "-o", "a.exr"): 1, ("batch", "none.toml", "-o", "a"): 1}
+    code = "; ".join(f"assert main({list(command)}) == {expected}" for command, expected in commands.items())
+    assert runs_without(["jax", "numpy"], f"from raytrace_jax.cli import main; {code}")
+    assert runs_without(["jax"], "import raytrace_jax.inverse.options")
     assert runs_without(["jax", "numpy", "tyro"], "from raytrace_jax.cli import main; main(['render', '--version'])")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes end differently")
 def test_help_into_a_closed_pipe_is_no_error():
-    command = [sys.executable, "-m", "raytrace_jax", "fit", "--help"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as reader:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([*PROGRAM, "fit", "--help"], env=ENVIRONMENT, **pipes) as reader:
         reader.stdout.close()
         assert reader.wait(timeout=60) == 1
         assert reader.stderr.read() == b""
@@ -87,9 +74,8 @@ def test_help_into_a_closed_pipe_is_no_error():
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell closes stdout")
 def test_without_a_stdout_the_command_is_refused():
-    command = f"{sys.executable} -m raytrace_jax info {VITREOUS} >&-"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    ended = subprocess.run(["sh", "-c", command], env=environment, stderr=subprocess.PIPE, text=True, timeout=60)
+    command = ["sh", "-c", f"{sys.executable} -m raytrace_jax info {VITREOUS} >&-"]
+    ended = subprocess.run(command, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True, timeout=60)
     assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
     assert ended.stderr.startswith("error: stdout is closed, and results are printed there")
 

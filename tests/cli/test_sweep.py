@@ -71,15 +71,10 @@ def test_the_label_is_in_its_corner(tmp_path):
     assert np.all(np.flatnonzero(changed[100:].any(axis=0)) < 120)
 
 
-@pytest.mark.parametrize(
-    ("size", "name", "strip"),
-    [
-        ((80, 60), "ball.ior", 13),
-        ((80, 60), "vitreous.center.x", 26),
-        ((16, 12), "vitreous.ior", 26),
-        ((640, 480), "ball.ior", 0),
-    ],
-)
+LABELS = [((80, 60), "ball.ior", 13), ((80, 60), "vitreous.center.x", 26), ((16, 12), "vitreous.ior", 26)]
+
+
+@pytest.mark.parametrize(("size", "name", "strip"), [*LABELS, ((640, 480), "ball.ior", 0)])
 def test_a_small_frame_has_its_label_below(size, name, strip):
     grey = Image.new("RGB", size, "grey")
     frames = label_frames([grey, grey], name, ["9.5", "10.0"])
@@ -123,7 +118,12 @@ def test_mp4_goes_through_ffmpeg(tmp_path, ffmpeg, capsys):
     assert not out.exists() and not list(tmp_path.glob("*part*"))
 
 
-def test_ranges_have_both_ends_and_labels_that_differ():
+def test_ranges_have_both_ends_decimals_stay_decimals_and_labels_differ():
+    assert evenly_spaced(1.3, 1.6, 3) == [1.3, 1.45, 1.6]
+    assert evenly_spaced(1.4, 1.6, 5) == [1.4, 1.45, 1.5, 1.55, 1.6]
+    assert evenly_spaced(-0.3, 0.3, 7) == [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3]
+    assert evenly_spaced(1.0, 2.0, 4) == [1.0, 4 / 3, 5 / 3, 2.0]
+    assert evenly_spaced(1.5, 2.0, 1) == [1.5]
     assert parse_range(" odd=name.ior = 1 : 2 : 3 ") == ("odd=name.ior", [1.0, 1.5, 2.0])
     with pytest.raises(UsageError):
         parse_range("=1:2:3")
@@ -132,18 +132,7 @@ def test_ranges_have_both_ends_and_labels_that_differ():
         assert decimals(values) == digits
 
 
-NUMBERS = st.floats(-1e6, 1e6)
-
-
-def test_decimals_stay_decimals():
-    assert evenly_spaced(1.3, 1.6, 3) == [1.3, 1.45, 1.6]
-    assert evenly_spaced(1.4, 1.6, 5) == [1.4, 1.45, 1.5, 1.55, 1.6]
-    assert evenly_spaced(-0.3, 0.3, 7) == [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3]
-    assert evenly_spaced(1.0, 2.0, 4) == [1.0, 4 / 3, 5 / 3, 2.0]
-    assert evenly_spaced(1.5, 2.0, 1) == [1.5]
-
-
-@given(NUMBERS, NUMBERS)
+@given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6))
 def test_the_ends_are_themselves(start, stop):
     values = evenly_spaced(start, stop, 11)
     assert (values[0], values[-1]) == (start, stop)

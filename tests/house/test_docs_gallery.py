@@ -34,11 +34,8 @@ def models_of(keyword, attribute):
     if keyword == "background":
         return [name for name, model in MODELS.items() if model.background is not black]
     users = [a for kinds in BLOCK_TYPES.values() for kind in kinds for a in kind.attributes if a.refers_to == keyword]
-    return [
-        name
-        for name in MODELS
-        if attribute.is_used_by(name) and (not users or any(user.is_used_by(name) for user in users))
-    ]
+    used = [name for name in MODELS if attribute.is_used_by(name)]
+    return [name for name in used if not users or any(user.is_used_by(name) for user in users)]
 
 
 def table():
@@ -108,10 +105,8 @@ def test_the_commands_of_the_gallery_make_its_pictures(name, tmp_path):
 
 @pytest.mark.slow
 def test_the_command_writes_each_picture_with_its_derivatives_and_a_sheet(tmp_path, capsys):
-    assert (
-        run("gallery", DATA / "vitreous.txt", "-o", tmp_path, "--size", 16, 12, "--max-bounces", 1, "--wrt", "cyan.ior")
-        == 0
-    )
+    small = ["--size", 16, 12, "--max-bounces", 1]
+    assert run("gallery", DATA / "vitreous.txt", "-o", tmp_path, *small, "--wrt", "cyan.ior") == 0
     captured = capsys.readouterr()
     written = captured.out.split()
     assert len(written) == 13 and written[-1].endswith("gallery.png")

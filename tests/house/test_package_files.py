@@ -13,12 +13,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def read_yaml(path):
-    return yaml.safe_load(path.read_text(encoding="utf-8"))
-
-
 def test_the_citation_is_of_this_version_and_has_the_title_of_the_readme():
-    citation = read_yaml(ROOT / "CITATION.cff")
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert citation["cff-version"] == "1.2.0" and citation["version"] == __version__
     assert f"# {citation['title'].partition(':')[0]}\n" == README[: README.index("\n") + 1]
     words = " ".join(README.split())
@@ -54,7 +50,7 @@ def test_every_file_that_a_page_for_contributors_names_exists(name):
 
 
 def test_ci_runs_the_script_with_the_versions_that_the_readme_calls_tested():
-    workflow = read_yaml(ROOT / ".github" / "workflows" / "ci.yml")
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8"))
     assert workflow["permissions"] == {"contents": "read"}
     assert set(workflow[True]) == {"push", "pull_request"}  # YAML 1.1 reads the word `on` as true
     (job,) = workflow["jobs"].values()

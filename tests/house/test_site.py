@@ -25,8 +25,7 @@ LINK = re.compile(r"\]\(([^)\s]+)\)")
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-def settings():
-    return yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+SETTINGS = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
 
 
 def pages_of(nav):
@@ -35,33 +34,14 @@ def pages_of(nav):
     return [page for part in (nav.values() if isinstance(nav, dict) else nav) for page in pages_of(part)]
 
 
-def blocks(path):
-    return BLOCK.findall(path.read_text(encoding="utf-8"))
-
-
-def run_in_order(path, folder):
-    """Run a page's blocks of Python as one program in a folder."""
-    program = "\n".join(blocks(path))
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "JAX_ENABLE_X64": "0"}
-    done = subprocess.run(
-        [sys.executable, "-"], input=program, cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def test_the_navigation_has_every_page_once_and_nothing_else():
-    pages = pages_of(settings()["nav"])
+def test_the_navigation_has_every_page_once_and_files_that_the_settings_name_are_there():
+    pages = pages_of(SETTINGS["nav"])
     assert len(pages) == len(set(pages))
     assert set(pages) == {path.relative_to(DOCS).as_posix() for path in PAGES} | MADE
     assert not any((DOCS / name).exists() for name in MADE)
-
-
-def test_files_that_the_settings_name_are_there():
-    found = settings()
-    assert all((ROOT / hook).is_file() for hook in found["hooks"])
-    assert all((DOCS / style).is_file() for style in found["extra_css"])
-    assert found["theme"]["font"] is False and "analytics" not in found["extra"]
+    assert all((ROOT / hook).is_file() for hook in SETTINGS["hooks"])
+    assert all((DOCS / style).is_file() for style in SETTINGS["extra_css"])
+    assert SETTINGS["theme"]["font"] is False and "analytics" not in SETTINGS["extra"]
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
@@ -103,4 +83,9 @@ def test_the_commands_of_the_page_on_a_picture_of_ones_own_run_in_an_empty_folde
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["tutorial.md", "recipes.md"])
 def test_the_code_of_a_page_runs_in_an_empty_folder(name, tmp_path):
-    assert run_in_order(DOCS / name, tmp_path)
+    """All blocks of Python as one program."""
+    program = "\n".join(BLOCK.findall((DOCS / name).read_text(encoding="utf-8")))
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "JAX_ENABLE_X64": "0"}
+    options = {"cwd": tmp_path, "env": environment, "capture_output": True, "text": True}
+    done = subprocess.run([sys.executable, "-"], input=program, check=False, **options)
+    assert done.returncode == 0 and done.stdout, done.stderr

@@ -51,7 +51,7 @@ BAD_INPUT = [
     (2, ["photo", "photo.png", *BALL[1:], "--fit"], ["--fit: is for one photograph, and 2 came"]),
     (1, ["photo", "photo.png", "none.jpg", *BALL[2:]], ["none.jpg", "no such file"]),
     (2, [*PHOTO, "--radius", "20"], ["--radius", "it has no unit"]),
-    (2, [*BALL, "--ball", "30", "20"], ["--ball", "3 whole numbers are wanted, X Y R, and 30 20 came"]),
+    (2, [*BALL, "--ball", "30", "20"], ["--ball X Y R", "input length 2 did not match"]),
     (1, [*BALL, "--board", "none.txt"], ["none.txt", "no such file"]),
     (1, [*BALL, "--board", "file"], ["file:1:1"]),
     (1, ["photo", "file", *BALL[2:]], ["file", "JPEG, TIFF, PPM or Radiance HDR"]),

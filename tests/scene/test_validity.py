@@ -1,5 +1,7 @@
 """Scenes that cannot be rendered are refused, those that are hardly meant are warned of; pictures likewise."""
 
+from types import SimpleNamespace
+
 import equinox as eqx
 import jax
 import numpy as np
@@ -82,7 +84,8 @@ def test_attributes_that_mean_nothing_to_the_model_are_named():
 
 
 def test_a_scene_without_shapes_and_a_camera_in_its_own_picture_are_told(capsys):
-    read_picture_scene(CAMERA.replace("4 3 6 }", "4 3 0 }"), (), SMALL)
+    scene = CAMERA.replace("4 3 6 }", "4 3 0 }")
+    read_picture_scene(SimpleNamespace(scene=scene, assignments=(), render=SMALL))
     assert capsys.readouterr().err.splitlines() == [
         "warning: the scene has no shapes: its picture is black.",
         "warning: the camera eye is in its image plane, z = 0: all of its rays lie in that plane.",

@@ -1,6 +1,5 @@
 """Programs are compiled once for each kind of arguments, by one of several threads, and found by the next process."""
 
-import functools
 import os
 import subprocess
 import sys
@@ -75,30 +74,22 @@ def test_a_program_that_failed_is_tried_again():
     assert float(function(one)) == 2
 
 
-def test_what_is_compiled_ahead_has_the_precision_of_its_user_and_its_failures_are_left_to_them():
-    seen = []
-    with CompileAhead() as ahead:
-        ahead.add(lambda: 1 / 0)
-        ahead.add(lambda: seen.append(jnp.asarray(1.0).dtype))
-        ahead.thread.submit(int).result()
-    assert seen == [jnp.float64]
-
-
-def test_what_is_not_begun_when_the_block_ends_is_dropped():
-    done, begun, go_on = [], threading.Event(), threading.Event()
+def test_what_is_compiled_ahead_has_its_users_precision_and_what_is_not_begun_at_the_end_is_dropped():
+    seen, begun, go_on = [], threading.Event(), threading.Event()
 
     def first():
         begun.set()
         go_on.wait()
-        done.append("first")
+        seen.append(jnp.asarray(1.0).dtype)
 
     with CompileAhead() as ahead:
+        ahead.add(lambda: 1 / 0)  # Its users meet the failure themselves.
         ahead.add(first)
-        ahead.add(lambda: done.append("second"))
+        ahead.add(lambda: seen.append("second"))
         begun.wait()
     go_on.set()
     ahead.thread.shutdown(wait=True)
-    assert done == ["first"]
+    assert seen == [jnp.float64]
 
 
 @pytest.fixture
@@ -113,44 +104,37 @@ def files(folder):
     return [path for path in folder.rglob("*") if path.is_file()]
 
 
-def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
-    unknowns = Unknowns(("a.radius",), (Transform(0.0),))
-    y = jnp.asarray([0.25])
+Y = np.asarray([0.25])
+
+
+def anew():
+    """The results of a program that is not in memory."""
     forget_programs()
-    first = values_and_slopes(y, unknowns)
+    return values_and_slopes(Y, Unknowns(("a.radius",), (Transform(0.0),)))
+
+
+def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
+    first = anew()
     (path,) = files(kept)
     assert path.name.startswith("values_and_slopes-")
-    forget_programs()
     with counted_traces() as traces:
-        again = values_and_slopes(y, unknowns)
+        again = anew()
     assert traces == ["values_and_slopes_exported"]
     np.testing.assert_array_equal(again, first)
     for content in (b"", b"no program", path.read_bytes()[:-100]):
         path.write_bytes(content)
-        forget_programs()
-        np.testing.assert_array_equal(values_and_slopes(y, unknowns), first)
+        np.testing.assert_array_equal(anew(), first)
         assert path.stat().st_size > 1000
 
 
-@pytest.fixture
-def keep_at_most(monkeypatch):
-    return functools.partial(monkeypatch.setattr, "raytrace_jax.util.kept_programs.MOST_BYTES")
-
-
-def test_of_too_much_those_go_that_were_not_used_for_longest(kept, keep_at_most):
-    unknowns = Unknowns(("a.radius",), (Transform(0.0),))
-    keep_at_most(0)
+def test_of_too_much_those_go_that_were_not_used_for_longest(kept, monkeypatch):
     old = kept / "programs" / "of-another-version" / "linearize-0"
     old.parent.mkdir(parents=True)
-    old.write_bytes(b"old")
-    forget_programs()
-    values_and_slopes(jnp.asarray([0.25]), unknowns)
-    assert not files(kept)
-    keep_at_most(1_000_000)
-    old.write_bytes(b"old")
-    forget_programs()
-    values_and_slopes(jnp.asarray([0.25]), unknowns)
-    assert len(files(kept)) == 2
+    for most, left in ((0, 0), (1_000_000, 2)):
+        monkeypatch.setattr("raytrace_jax.util.kept_programs.MOST_BYTES", most)
+        old.write_bytes(b"old")
+        anew()
+        assert len(files(kept)) == left
 
 
 def test_a_function_within_a_function_is_not_kept(kept):
@@ -192,7 +176,7 @@ def test_a_second_process_traces_none_of_the_programs_of_a_fit(tmp_path):
         return done.stdout.splitlines()[-1]
 
     assert run("render", scene, "-D", "glass.ior=1.42", "-o", target, *common) == 0
-    assert run_anew(*fit, "-o", str(tmp_path / "first")).startswith("0 ['differentiate_batches'")
+    assert run_anew(*fit, "-o", str(tmp_path / "first")).startswith("0 ['color_batches', 'differentiate_batches'")
     assert run_anew(*fit, "-o", str(tmp_path / "second")) == "0 []"
     results = [(tmp_path / name / "fit.txt").read_text() for name in ("first", "second")]
     assert results[0] == results[1]

@@ -27,14 +27,6 @@ def test_writes_replaces_and_makes_folders(tmp_path):
     assert names(path.parent) == ["picture.exr"]
 
 
-def test_file_has_the_permissions_of_an_ordinary_file(tmp_path):
-    ordinary = tmp_path / "ordinary"
-    ordinary.write_text("")
-    with atomic_write(tmp_path / "atomic") as temporary:
-        temporary.write_text("")
-    assert stat.S_IMODE((tmp_path / "atomic").stat().st_mode) == stat.S_IMODE(ordinary.stat().st_mode)
-
-
 @pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt, SystemExit])
 def test_crash_leaves_the_old_file_and_nothing_else(tmp_path, failure):
     path = tmp_path / "picture.exr"
@@ -46,13 +38,14 @@ def test_crash_leaves_the_old_file_and_nothing_else(tmp_path, failure):
     assert names(tmp_path) == ["picture.exr"]
 
 
-def test_symbolic_link_stays_a_link(tmp_path):
-    (tmp_path / "real.txt").write_text("old")
-    (tmp_path / "link.txt").symlink_to("real.txt")
-    with atomic_write(tmp_path / "link.txt") as temporary:
+def test_a_link_stays_one_and_a_file_has_the_rights_of_an_ordinary_one(tmp_path):
+    ordinary, real, link = (tmp_path / name for name in ("ordinary", "real", "link"))
+    ordinary.write_text("old")
+    link.symlink_to("real")
+    with atomic_write(link) as temporary:
         temporary.write_text("new")
-    assert (tmp_path / "link.txt").is_symlink()
-    assert (tmp_path / "real.txt").read_text() == "new"
+    assert link.is_symlink() and real.read_text() == "new"
+    assert stat.S_IMODE(real.stat().st_mode) == stat.S_IMODE(ordinary.stat().st_mode)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Pictures for which there is no memory are refused before work begins; what is free is asked of the system."""
 
+import functools
 import sys
-import types
 
 import numpy as np
 import pytest
@@ -18,10 +18,10 @@ LARGE = resolved(size=(32768, 32768))
 
 @pytest.fixture
 def free(monkeypatch):
-    """Let ten gigabytes be free, or what a function says: `free.memory = function`."""
-    said = types.SimpleNamespace(memory=lambda: 10_000_000_000)
-    monkeypatch.setattr("raytrace_jax.tracer.rendering.free_memory", lambda: said.memory())
-    return said
+    """Let ten gigabytes be free; `free(function)`: what it says."""
+    set_free = functools.partial(monkeypatch.setattr, "raytrace_jax.tracer.rendering.free_memory")
+    set_free(lambda: 10_000_000_000)
+    return set_free
 
 
 NEEDS = "a picture of 32768 x 32768 pixels{} needs about {} of memory, and 10 GB are free: render it in parts"
@@ -57,9 +57,9 @@ def test_what_fits_is_not_refused(free):
     refuse_too_large(scene, resolved(size=(32768, 32768), crop=(0, 0, 4096, 4096)))
     with pytest.raises(PictureError):
         refuse_too_large(scene, resolved(size=(8192, 8192), aov=("normal", "position")))
-    free.memory = lambda: None
+    free(lambda: None)
     refuse_too_large(scene, LARGE)
-    free.memory = lambda: pytest.fail("asked for a small picture")
+    free(lambda: pytest.fail("asked for a small picture"))
     refuse_too_large(scene, resolved(size=(640, 480)))
 
 

@@ -1,5 +1,6 @@
 """The command `batch`: from a plan file to a folder of results and their table."""
 
+import importlib.util
 import sys
 import time
 from collections.abc import Sequence
@@ -12,13 +13,13 @@ from raytrace_jax.batch import cluster
 from raytrace_jax.batch.jobs import Job, expand, labelled
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
-from raytrace_jax.batch.run import JobRecord, forget_failures, is_done, other_records, run_and_record, write_plan
+from raytrace_jax.batch.run import JobRecord, is_done, other_records, run_and_record, write_plan
 from raytrace_jax.batch.table import has_parquet, make_table, remove_tables, write_overview, write_table
 from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Batch
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import SECONDS_BETWEEN, Shown
-from raytrace_jax.errors import reworded
+from raytrace_jax.errors import RaytraceError, reworded
 from raytrace_jax.util.files import json_text
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import install
@@ -26,13 +27,12 @@ from raytrace_jax.util.text import install
 
 def run_batch(command: Batch) -> int:
     """Run the jobs that are not done, write the table and the overview, print their paths; 1 if a job failed."""
-    # What is wrong with the options shows before anything is read.
     if command.workers is not None and command.scheduler is not None:
         raise UsageError("--workers and --scheduler exclude each other: the scheduler has its own workers.")
     check_folder(command.output)
     on_workers = command.workers is not None or command.scheduler is not None
-    if on_workers:
-        cluster.require()
+    if on_workers and importlib.util.find_spec("distributed") is None:
+        raise RaytraceError(f"--workers and --scheduler need dask.distributed: {install('batch')}")
     # One core a job: its numbers, to the last bit, do not depend on how many cores there are.
     with jax_session(64, devices=1):
         with reworded(UsageError, PlanError):
@@ -51,7 +51,6 @@ def run_batch(command: Batch) -> int:
             if todo:
                 write_plan(folder, command.plan)
                 remove_tables(folder)
-                forget_failures(folder, distinct)
             if on_workers and todo:
                 cluster.run_on_workers(todo, folder, command.workers, command.scheduler, show.done)
             else:
@@ -69,13 +68,11 @@ def run_batch(command: Batch) -> int:
         console.print(f"results.parquet needs pyarrow: {install('batch')}")
     failed = sum(row["status"] != "done" for row in rows)
     if failed:
-        print_warning(
-            f"{failed} of {len(rows)} jobs failed; column message of {command.output / 'results.csv'} says why."
-        )
+        print_warning(f"{failed} of {len(rows)} jobs failed; column message of {written[0]} says why.")
     return 1 if failed else 0
 
 
-class BatchProgress(Shown[Progress]):
+class BatchProgress(Shown):
     """Shows how many jobs are done, which failed, and how long the others will take: use it as a context.
 
     Beside those to do `already` others were done before.
@@ -118,7 +115,6 @@ class BatchProgress(Shown[Progress]):
 
 
 def duration(seconds: float) -> str:
-    """A time as people say it: `8 s`, `12 min`, `3.5 h`."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

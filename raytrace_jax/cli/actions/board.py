@@ -17,17 +17,16 @@ from raytrace_jax.scene.schema import is_name
 from raytrace_jax.util.files import atomic_write, write_text
 from raytrace_jax.util.text import millimetres, quoted
 
-SQUARE = 10.0
-"""Millimetres of a square, unless the user says otherwise."""
+SQUARE = 10.0  # Millimetres, unless the user says otherwise.
 
 
-def run_board(command: Board) -> int:
-    """Write the board, its texture and its blocks; print their paths and the board's sizes."""
+def run_board(command: Board) -> None:
     check_picture_path(command.output, (".pdf", ".png"), "a board")
-    _check_options(command)
+    blocks, texture = command.output.with_suffix(".txt"), command.output.with_name(f"{command.output.stem}_texture.png")
+    _check_options(command, texture.name)
     opencv("`board`")
-    pattern, where = (_show if command.screen else _print)(command)
-    blocks, texture = _beside(command.output)
+    square = _length("--square", command.square) if command.square else None
+    pattern, where = (_show if command.screen else _print)(command, square)
     corners = (pattern.columns - 1) * (pattern.rows - 1)
     if corners < LEAST_CORNERS:
         print_warning(
@@ -37,10 +36,9 @@ def run_board(command: Board) -> int:
     _write_grey(texture, board_sheet.pattern_picture(pattern))
     write_text(blocks, board_sheet.board_blocks(pattern, texture.name, where))
     print(command.output, blocks, texture, f"{board_sheet.size_words(pattern)}, on {where}", sep="\n")
-    return 0
 
 
-def _check_options(command: Board) -> None:
+def _check_options(command: Board, texture: str) -> None:
     """Refuse options that do not belong together, and names that no scene's file can say. Raises UsageError."""
     is_png = command.output.suffix.lower() == ".png"
     if is_png and not (command.screen and command.pixels):
@@ -52,24 +50,16 @@ def _check_options(command: Board) -> None:
         raise UsageError(f"--paper is for a board to print, a .pdf, and {command.output} is for a screen.")
     if not is_png and (command.screen or command.pixels):
         raise UsageError(f"--screen and --pixels are for a board on a screen, a .png; {command.output} is to print.")
-    texture = _beside(command.output)[1].name
     if not is_name(texture):
         raise UsageError(f"{quoted(texture)}: the scene's file names this picture, and there a name is one word.")
 
 
-def _beside(output: Path) -> tuple[Path, Path]:
-    """The files of the blocks and of the texture."""
-    return output.with_suffix(".txt"), output.with_name(f"{output.stem}_texture.png")
-
-
-def _print(command: Board) -> tuple[Pattern, str]:
+def _print(command: Board, square: float | None) -> tuple[Pattern, str]:
     """Write the PDF; return the board and what it is on."""
-    paper = command.paper or "a4"
+    paper, square = command.paper or "a4", square or SQUARE
     where, room = board_sheet.paper_words(paper), board_sheet.paper_room(paper)
-    square = _length("--square", command.square) if command.square else SQUARE
     with blamed_on("--square, --squares"):
-        count = board_sheet.squares_within(room, square, command.squares, f"{where} with a margin")
-        pattern = Pattern(*count, square)
+        pattern = Pattern(*board_sheet.squares_within(room, square, command.squares, f"{where} with a margin"), square)
     figure = board_sheet.draw_sheet(pattern, paper)
     with atomic_write(command.output) as temporary:
         # Without a date in it the same board makes the same file.
@@ -78,15 +68,14 @@ def _print(command: Board) -> tuple[Pattern, str]:
     return pattern, where
 
 
-def _show(command: Board) -> tuple[Pattern, str]:
+def _show(command: Board, square: float | None) -> tuple[Pattern, str]:
     """Write the PNG; return the board and what it is on."""
     assert command.screen and command.pixels  # `_check_options` has seen to it.
     if min(command.pixels) < 1:
         raise UsageError(f"--pixels {command.pixels[0]} {command.pixels[1]}: whole numbers greater than 0 are wanted.")
     pitch = _length("--screen", command.screen) / math.hypot(*command.pixels)
-    wanted = _length("--square", command.square) if command.square else None
     with blamed_on("--square, --squares"):
-        pattern, scale = _screen_pattern(command.pixels, pitch, wanted, command.squares)
+        pattern, scale = _screen_pattern(command.pixels, pitch, square, command.squares)
     _write_grey(command.output, board_sheet.screen_picture(pattern, command.pixels, scale))
     size = f"{command.pixels[0]} x {command.pixels[1]} pixels"
     return pattern, f"a screen of {command.screen} with {size}, {scale * pattern.lattice} a square"
@@ -107,8 +96,7 @@ def _screen_pattern(
         side = scale * lattice
         where = f"a screen of {pixels[0]} x {pixels[1]} pixels, with {side} pixels a square and a margin,"
         # Half of a square stays white all around.
-        room = (pixels[0] - side, pixels[1] - side)
-        count = board_sheet.squares_within(room, side, squares, where)
+        count = board_sheet.squares_within((pixels[0] - side, pixels[1] - side), side, squares, where)
         try:
             return Pattern(*count, side * pitch), scale
         except RaytraceError:
@@ -118,7 +106,6 @@ def _screen_pattern(
 
 
 def _length(option: str, text: str) -> float:
-    """The millimetres that an option was given. Raises UsageError."""
     with blamed_on(option):
         return millimetres(text)
 

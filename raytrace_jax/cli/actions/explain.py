@@ -1,7 +1,6 @@
 """The commands `rays`, `view` and `teach`, which show what happens to light."""
 
 import contextlib
-import dataclasses
 import math
 import sys
 
@@ -24,27 +23,22 @@ from raytrace_jax.util.files import atomic_write, json_text, write_text
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number
 
-HEADERS = ("ray", "from", "kind", "hits", "distance", "path", "incident", "refracted", "reflect", "transmit", "color")
 
-LEAST_DRAWN: dict[ModelName, float] = {"classic": 0.0, "additive": 0.0, "physical": 0.005}
-"""Rays that count this fraction of a pixel are drawn. A path through glass splits at every surface: of the 33 rays
-behind pixel 360 220 of `bubble` 18 count less, too little to see in a picture."""
-
-
-def run_rays(command: Rays) -> int:
-    """Trace the pixel's tree, write its drawing, print the drawing's path and the table."""
-    # A tree is that of one ray, whatever the scene's file says; more samples that were asked for are refused.
-    asked = dataclasses.replace(command.render, edges="point", samples=command.render.samples or 1)
+def run_rays(command: Rays) -> None:
     preparation.check_picture_path(command.output, (".svg", ".png"))
     with jax_session(command.render.precision):
-        scene, settings = preparation.read_picture_scene(command.scene, command.assignments, asked)
+        # A tree is that of one ray, whatever the scene's file says; more samples that were asked for are refused.
+        samples = command.render.samples or 1
+        scene, settings = preparation.read_picture_scene(command, edges="point", samples=samples)
         with blamed_on():
             tree = trace_tree(scene, command.pixel, settings)
         column, row = tree.pixel
-        color = " ".join(f"{value:.4f}" for value in tree.nodes[0].color)
-        title = f"pixel {column} {row} of {command.scene.name}: {_count(len(tree.nodes))}, colour {color}"
-        least = LEAST_DRAWN[settings.model] if command.least_drawn is None else command.least_drawn
-        drawn = sum(node.weight >= least for node in tree.nodes)
+        rays, color = _count(len(tree.nodes)), _color(tree.nodes[0])
+        title = f"pixel {column} {row} of {command.scene.name}: {rays}, colour {color}"
+        # A path through glass splits at every surface: of the 33 rays behind pixel 360 220 of `bubble` 18 count less,
+        # too little to see in a picture.
+        least = 0.005 if settings.model == "physical" else 0.0
+        least = least if command.least_drawn is None else command.least_drawn
         figure = draw_tree(tree, scene, title, settings, least)
 
     # The file is written before anything is said on stdout.
@@ -60,48 +54,48 @@ def run_rays(command: Rays) -> int:
         print_rays(tree)
 
     # What the drawing or the tree leaves out is said on stderr.
-    console = stderr_console(quiet=command.quiet)
+    console, drawn = stderr_console(quiet=command.quiet), sum(node.weight >= least for node in tree.nodes)
     if drawn < len(tree.nodes):
-        console.print(
-            f"{drawn} of {_count(len(tree.nodes))} are drawn, which count {least:g} or more; --least-drawn 0 draws all"
-        )
+        console.print(f"{drawn} of {rays} are drawn, which count {least:g} or more; --least-drawn 0 draws all")
     if tree.dropped:
-        beyond = f"beyond --max-bounces {settings.max_bounces}"
-        console.print(f"{_count(tree.dropped)} {beyond}, not traced and taken as black")
-    return 0
+        limit = f"--max-bounces {settings.max_bounces}"
+        console.print(f"{_count(tree.dropped)} beyond {limit}, not traced and taken as black")
 
 
 def print_rays(tree: RayTree) -> None:
     """Print a line for each ray on stdout: lengths in world units, weights of the largest channel."""
-    lines = [_line(node) for node in tree.nodes]
-    headers = HEADERS
-    if any(node.medium for node in tree.nodes):
-        headers = (*HEADERS[:-1], "medium", "absorbed", HEADERS[-1])
-        media = [(node.medium or "-", f"{node.absorbed:.4f}" if node.absorbed else "-") for node in tree.nodes]
-        lines = [(*line[:-1], *medium, line[-1]) for line, medium in zip(lines, media, strict=True)]
-    print_table("rays: angles in degrees", headers, lines)
+    rows = [_cells(node) for node in tree.nodes]
+    left_out = () if any(node.medium for node in tree.nodes) else ("medium", "absorbed")
+    headers = tuple(name for name in rows[0] if name not in left_out)
+    print_table("rays: angles in degrees", headers, [tuple(row[name] for name in headers) for row in rows])
 
 
-def _line(node: RayNode) -> tuple[str, ...]:
+def _cells(node: RayNode) -> dict[str, str]:
     parent = "-" if node.parent is None else str(node.parent)
-    color = " ".join(f"{value:.4f}" for value in node.color)
-    if node.shape is None:
-        return (str(node.number), parent, node.kind, "nothing", *["-"] * 6, color)
-    refracted = "total" if node.total else "-" if node.theta_t is None else f"{math.degrees(node.theta_t):.2f}"
-    numbers = f"{node.distance:.4f}", f"{node.path_length:.4f}", f"{math.degrees(node.theta_i):.2f}", refracted
-    weights = (f"{weight:.4f}" if weight else "-" for weight in (node.reflect, node.transmit))
-    return (str(node.number), parent, node.kind, node.shape, *numbers, *weights, color)
+    cells = {"ray": str(node.number), "from": parent, "kind": node.kind, "hits": node.shape or "nothing"}
+    cells |= dict.fromkeys(("distance", "path", "incident", "refracted", "reflect", "transmit"), "-")
+    if node.shape is not None:
+        refracted = "total" if node.total else "-" if node.theta_t is None else f"{math.degrees(node.theta_t):.2f}"
+        cells |= {"distance": f"{node.distance:.4f}", "path": f"{node.path_length:.4f}"}
+        cells |= {"incident": f"{math.degrees(node.theta_i):.2f}", "refracted": refracted}
+    weights = {"reflect": node.reflect, "transmit": node.transmit, "absorbed": node.absorbed}
+    cells |= {"medium": node.medium or "-"}
+    cells |= {name: f"{weight:.4f}" if weight else "-" for name, weight in weights.items()}
+    return cells | {"color": _color(node)}
+
+
+def _color(node: RayNode) -> str:
+    return " ".join(f"{value:.4f}" for value in node.color)
 
 
 def _count(rays: int) -> str:
     return "1 ray" if rays == 1 else f"{rays} rays"
 
 
-def run_view(command: View) -> int:
-    """Serve the page until it is interrupted; print its address."""
+def run_view(command: View) -> None:
     asked = [parse_slider(text) for text in command.over]
     with jax_session(command.render.precision):
-        scene, settings = preparation.read_picture_scene(command.scene, command.assignments, command.render)
+        scene, settings = preparation.read_picture_scene(command)
         for slider in asked:
             option = f"--over {slider.name}={slider.start:g}:{slider.stop:g}"
             preparation.check_single(scene, slider.name, option)
@@ -115,7 +109,6 @@ def run_view(command: View) -> int:
         with make_server(studio, command.scene.stem, command.port) as server:
             print(f"http://{HOST}:{server.server_port}/", flush=True)
             server.serve_forever()
-    return 0
 
 
 def parse_slider(text: str) -> Slider:
@@ -137,20 +130,17 @@ def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
     for ball in blocks_of(scene, "sphere"):
         material = material_of(scene, ball)
         if float(material.read(scene, weight)) > 0 and np.ndim(material.read(scene, "ior")) == 0:
-            radius, center = float(ball.read(scene, "radius")), np.asarray(ball.read(scene, "center"), float)
-            ior = float(material.read(scene, "ior"))
+            radius, ior = float(ball.read(scene, "radius")), float(material.read(scene, "ior"))
             # From vacuum to diamond.
             index = Slider(f"{ball.name}.ior", min(1.0, ior), max(2.4, ior))
-            places = zip("xyz", center, strict=True)
-            moves = (Slider(f"{ball.name}.center.{axis}", x - radius, x + radius) for axis, x in places)
+            center = zip("xyz", np.asarray(ball.read(scene, "center"), float), strict=True)
+            moves = (Slider(f"{ball.name}.center.{axis}", x - radius, x + radius) for axis, x in center)
             return index, *(move.widened() for move in moves)
     raise UsageError("the scene has no glass ball to move; name the numbers that move with --over NAME=START:STOP.")
 
 
-def run_teach(command: Teach) -> int:
-    """Draw the lessons' figures, write them and their page, and print the paths."""
-    wanted = set(command.only) or set(LESSONS)
-    names = tuple(name for name in LESSONS if name in wanted)
+def run_teach(command: Teach) -> None:
+    names = tuple(name for name in LESSONS if name in (command.only or LESSONS))
     preparation.check_folder(command.output)
     timer = Timer("drawing", stderr_console(quiet=command.quiet))
     # A display on stderr would catch what is printed on stdout.
@@ -166,4 +156,3 @@ def run_teach(command: Teach) -> int:
     page = command.output / "index.md"
     write_text(page, index_page(names))
     print(page)
-    return 0

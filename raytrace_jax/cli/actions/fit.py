@@ -22,7 +22,7 @@ from raytrace_jax.inverse.build_problem import as_file_says, asked_for, build_pr
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.observe.sampling import supersampled
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.result import FitStep, last_word
+from raytrace_jax.inverse.result import last_word
 from raytrace_jax.inverse.result_rows import estimate_table
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.fit_report.summary import AFTER
@@ -44,23 +44,17 @@ def read_target(
 
     What of it counts nothing is said on stderr.
     """
-    weights = None
+    path, weights, storage = command.target, None, None
     if command.mask is not None:
         weights = seen_part(masks.read_mask(command.mask), scene, settings, "the mask")
     target = read_colours(command, scene, settings, options, weights)
-    clipped = masks.clipped_pixels(command.target, target, command.clipped, clamps=settings.model != "physical")
-    words = clipped.words(command.target)
-    if words:
+    clipped = masks.clipped_pixels(path, target, command.clipped, clamps=settings.model != "physical")
+    if words := clipped.words(path):
         print_warning(words)
         weights = clipped.weights if weights is None else weights * clipped.weights
         if not np.any(weights):
-            raise PictureError(
-                f"{command.target}: no pixel is left that counts; --clipped keep counts the clipped ones"
-            )
-    storage = (
-        jpeg.jpeg_storage(command.target, command.transfer or "srgb") if pictures.is_jpeg(command.target) else None
-    )
-    if storage is not None:
+            raise PictureError(f"{path}: no pixel is left that counts; --clipped keep counts the clipped ones")
+    if pictures.is_jpeg(path) and (storage := jpeg.jpeg_storage(path, command.transfer or "srgb")):
         storage = storage._replace(window=seen_window(storage.size, scene, settings, "the target"))
     return target, {"weights": weights, "storage": storage}
 
@@ -68,15 +62,15 @@ def read_target(
 def seen_part(
     picture: Float[np.ndarray, "*any height width"], scene: Scene, settings: ResolvedSettings, what: str
 ) -> Float[np.ndarray, "*any rows columns"]:
-    """The part of a picture that is rendered, as `seen_window` has it."""
     height, width = picture.shape[-2:]
     left, top, columns, rows = seen_window((width, height), scene, settings, what)
     return picture[..., top : top + rows, left : left + columns]
 
 
-def seen_window(
-    size: tuple[int, int], scene: Scene, settings: ResolvedSettings, what: str
-) -> tuple[int, int, int, int]:
+Window = tuple[int, int, int, int]
+
+
+def seen_window(size: tuple[int, int], scene: Scene, settings: ResolvedSettings, what: str) -> Window:
     """The window (x, y, width, height) of a picture that is rendered: the crop's place in a whole one, all of a crop.
 
     Raises:
@@ -102,11 +96,11 @@ def with_angle_of_view(scene: Scene, path: Path, assignments: Sequence[str]) -> 
     if not isinstance(camera, PerspectiveCamera) or not pictures.is_photograph(path):
         return scene
     told, has = exif.angle_of_view(path), float(camera.fov)
-    name = f"{camera.name}.fov"
-    is_set = any(parse_assignment(text)[0] == name for text in assignments)
     # Nobody is told of a difference up to 2 %, for lenses are named in round millimetres.
     if told is None or abs(told - has) <= 0.02 * has:
         return scene
+    name = f"{camera.name}.fov"
+    is_set = any(parse_assignment(text)[0] == name for text in assignments)
     if is_set or has != np.asarray(USUAL_FOV, camera.fov.dtype):
         print_warning(f"{path} tells an angle of view of {told:.4g} degrees; {name} is {has:.4g}, which holds.")
         return scene
@@ -170,19 +164,17 @@ def stored_differences(
     return found
 
 
-NOT_CONVERGED = 3
+NOT_CONVERGED = 3  # The exit code.
 
 
 def run_fit(command: Fit) -> int:
     """Fit the free parameters, print the estimates, write the report; 3 if the fit did not converge."""
-    # What is wrong with the command shows before anything is read.
     free, options = command.free, command.fit_options()
     if not free:
         raise UsageError("--free NAME ... is missing: which parameters should be found?")
     check_folder(command.output)
     with jax_session(command.render.precision):
-        # What the files say: the scene, and the target with what is known of how it was made.
-        scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
+        scene, settings = read_picture_scene(command)
         scene = with_angle_of_view(scene, command.target, command.assignments)
         filmed, names, _ = asked_for(scene, free, options)
         refuse_too_large(scene, settings, len(names))
@@ -192,16 +184,9 @@ def run_fit(command: Fit) -> int:
 
         console = stderr_console(quiet=command.quiet)
         with FitProgress(names, console) as show:
-            stepped_at = time.monotonic()
-
-            def on_step(step: FitStep) -> None:
-                nonlocal stepped_at
-                show.step(step)
-                stepped_at = time.monotonic()
-
-            result = fit(scene, target, free, settings, options, **known, on_step=on_step, on_phase=show.phase)
-        origin_of_it = provenance(command.target) | {AFTER: f"{time.monotonic() - stepped_at:.3g}"}
-        result = dataclasses.replace(result, provenance=result.provenance | origin_of_it)
+            result = fit(scene, target, free, settings, options, **known, on_step=show.step, on_phase=show.phase)
+        made_of = result.provenance | provenance(command.target) | {AFTER: f"{time.monotonic() - show.stepped_at:.3g}"}
+        result = dataclasses.replace(result, provenance=made_of)
 
         # Numbers go out before the report, which takes longer and more room on the disk.
         if not command.json:
@@ -210,10 +195,7 @@ def run_fit(command: Fit) -> int:
             print(last_word(result))
         comments = scene_path(command.scene).read_text(encoding="utf-8-sig")
         numbers = write_numbers(result, command.output, comments)
-        if command.json:
-            print(numbers, end="", flush=True)
-        else:
-            print(command.output, flush=True)
+        print(numbers if command.json else command.output, end="" if command.json else "\n", flush=True)
         if result.status != "interrupted":
             with Timer("writing the report", console) as timer:
                 write_pictures(result, command.output, command.long, command.pdf)
@@ -222,7 +204,6 @@ def run_fit(command: Fit) -> int:
 
 
 def provenance(target: Path) -> dict[str, str]:
-    """The target's file, its bytes and hash, and the command that was typed."""
     content = target.read_bytes()
     return {
         "target": str(target),

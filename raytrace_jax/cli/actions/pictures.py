@@ -1,6 +1,5 @@
 """The commands `grad`, `gallery` and `sweep`: sheets, galleries and animations of scenes."""
 
-import dataclasses
 import itertools
 import sys
 from collections.abc import Callable
@@ -11,7 +10,7 @@ from PIL import Image
 
 from raytrace_jax.cli import preparation
 from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
-from raytrace_jax.cli.options import split_assignment
+from raytrace_jax.cli.options import RenderOptions, split_assignment
 from raytrace_jax.cli.options.scenes import Gallery, Grad, Sweep
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images import animation, masks
@@ -36,19 +35,13 @@ def run_grad(command: Grad) -> int:
 
     1 if a pixel of the picture or of a derivative is not finite.
     """
-    # What is wrong with the command shows before anything is read.
-    asked, wrt = dataclasses.replace(command.render, edges=command.edges), command.wrt
+    wrt, png_path, console = command.wrt, command.output.with_suffix(".png"), stderr_console(quiet=command.quiet)
     if not wrt:
         raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
-    if command.output.suffix.lower() != ".exr":
-        raise UsageError(f"{command.output}: derivatives are signed layers, which only OpenEXR has: name an .exr file.")
-    png_path = command.output.with_suffix(".png")
-    preparation.check_picture_path(command.output)
-    preparation.check_picture_path(png_path)
-    console = stderr_console(quiet=command.quiet)
-
+    preparation.check_picture_path(command.output, (".exr",), "an OpenEXR file")
+    preparation.check_file(png_path)
     with jax_session(command.render.precision):
-        scene, settings = preparation.read_picture_scene(command.scene, command.assignments, asked)
+        scene, settings = preparation.read_picture_scene(command, edges=command.edges)
         origin = settings.window(scene.camera.pixeldim)[:2]
         names = scalar_names(scene, wrt)
         preparation.warn_of_shared_materials(scene, wrt)
@@ -56,9 +49,8 @@ def run_grad(command: Grad) -> int:
         if command.check:
             # First of all, because it refuses steps that a parameter cannot take.
             with Timer("finite differences", console) as timer:
-                step, samples = command.check_step, command.check_samples
                 done = _counter(timer, "finite difference")
-                differences = steady_differences(scene, wrt, settings, step, samples, done)
+                differences = steady_differences(scene, wrt, settings, command.check_step, command.check_samples, done)
         with Timer("derivatives", console) as timer:
             found = picture_derivatives(scene, wrt, settings, _counter(timer, "derivative", f"/{len(names)}"))
         image, values = np.asarray(found.image), np.asarray(found.values)
@@ -71,15 +63,14 @@ def run_grad(command: Grad) -> int:
         write_derivatives(command.output, found, scene, settings, differences)
 
     # The sheet shows what the layers hold; the words say how far differences agree with them.
-    checks: list[DerivativeCheck] = []
-    numbers: list[dict[str, float]] = []
+    checks, numbers = [], []
     look: dict[str, Any] = {"origin": origin, "transfer": screen_transfer(settings)}
     if differences is not None:
         both = zip(np.asarray(found.values), differences.values, differences.spreads, strict=True)
         checks = [check_derivative(derivative, difference, spread, origin) for derivative, difference, spread in both]
-        caption = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
         words = [f"{check.verdict}, step {step:.3g}" for check, step in zip(checks, differences.steps, strict=True)]
-        look |= {"differences": differences.values, "caption": caption, "verdicts": words}
+        look |= {"differences": differences.values, "verdicts": words}
+        look["caption"] = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
         numbers = check_numbers(found, differences, checks)
     with atomic_write(png_path) as temporary:
         draw_gradients(found, **look).savefig(temporary)
@@ -110,22 +101,16 @@ def check_numbers(
 
 
 def _counter(timer: Timer, what: str, of: str = "") -> Callable[[str], None]:
-    """Say of which parameter a picture is done, and how long it took."""
     numbers = itertools.count(1)
     return lambda name: timer.took(f"{what} {next(numbers)}{of} by {name}")
 
 
-def run_gallery(command: Gallery) -> int:
-    """Render and write every picture of the set and their sheet; print the paths."""
-    # Which scenes are shown, and that the options do not contradict the set.
-    gallery = GALLERIES[command.set]
-    chosen, usual = command.render, type(command.render)()
+def run_gallery(command: Gallery) -> None:
+    gallery, wrt = GALLERIES[command.set], command.wrt
     for name in ("model", "reflectance", "total_internal_reflection", "second_root", "reflection"):
-        if getattr(chosen, name) != getattr(usual, name):
+        if getattr(command.render, name) != getattr(RenderOptions(), name):
             option = name.replace("_", "-")
             raise UsageError(f"--{option} is what the pictures of a gallery differ in; `render` takes it for one.")
-    options = dataclasses.replace(command.render, model=gallery.model)
-    wrt = command.wrt
     if command.scene and not gallery.scene:
         raise UsageError(f"the pictures of --set {command.set} have scenes of their own: leave {command.scene} out.")
     first = gallery.variants[0].text or command.scene or bundled_scenes()[gallery.scene]
@@ -134,20 +119,20 @@ def run_gallery(command: Gallery) -> int:
     # Each picture is written as soon as it is rendered; the sheet needs them all.
     titles, pictures, written = [], [], []
     with jax_session(command.render.precision):
-        scene, settings = preparation.read_picture_scene(first, command.assignments, options)
+        scene, settings = preparation.read_picture_scene(command, first, model=gallery.model)
         said = scene.settings and scene.settings.model
         if said not in (None, gallery.model):
             raise UsageError(
                 f"{first} is for the {said} model, and the gallery {command.set} shows what the {gallery.model} model "
                 "does: `render` makes a picture of it."
             )
+        scalar_names(scene, wrt)
+        preparation.warn_of_shared_materials(scene, wrt)
         transfer = command.png_transfer or screen_transfer(settings)
 
         def scene_of(variant: Variant) -> Scene:
             return preparation.read_scene(variant.text, command.assignments, gallery.model) if variant.text else scene
 
-        scalar_names(scene, wrt)
-        preparation.warn_of_shared_materials(scene, wrt)
         with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
             for variant, varied, how, found in render_gallery(scene_of, gallery, settings, wrt):
                 exr_path, png_path = (command.output / f"{variant.name}.{suffix}" for suffix in ("exr", "png"))
@@ -161,12 +146,9 @@ def run_gallery(command: Gallery) -> int:
     with atomic_write(sheet) as temporary:
         draw_gallery(titles, pictures, gallery.columns, transfer).savefig(temporary)
     print(*written, sheet, sep="\n")
-    return 0
 
 
-def run_sweep(command: Sweep) -> int:
-    """Render a frame for each value, write the animation, print its path."""
-    asked = dataclasses.replace(command.render, edges=command.edges)
+def run_sweep(command: Sweep) -> None:
     name, values = parse_range(command.over)
     path, suffix = command.output, command.output.suffix.lower()
     preparation.check_picture_path(path, animation.SUFFIXES, "an animation")
@@ -176,7 +158,7 @@ def run_sweep(command: Sweep) -> int:
     if suffix == ".mp4":
         animation.require_ffmpeg(path)
     with jax_session(command.render.precision):
-        scene, settings = preparation.read_picture_scene(command.scene, command.assignments, asked)
+        scene, settings = preparation.read_picture_scene(command, edges=command.edges)
         preparation.check_single(scene, name, f"--over {command.over}")
         scalar_names(scene, [*(parse_assignment(text)[0] for text in command.assignments), name])  # -D sets none of it.
         preparation.warn_of_shared_materials(scene, [name])
@@ -190,7 +172,6 @@ def run_sweep(command: Sweep) -> int:
     back = frames[-2:0:-1] if command.bounce else []
     animation.write_animation(command.output, [*frames, *back], command.fps)
     print(command.output)
-    return 0
 
 
 def parse_range(text: str) -> tuple[str, list[float]]:

@@ -18,19 +18,18 @@ from raytrace_jax.util.session import jax_session
 
 def run_render(command: Render) -> int:
     """Render the scene, write the picture, print the paths of the files written; 1 if a pixel is not finite."""
-    asked = dataclasses.replace(command.render, aov=tuple(dict.fromkeys(command.render.aov)))
     check_picture_path(command.output)
     png_only = command.output.suffix.lower() == ".png"
     png_path = command.output if png_only else command.output.with_suffix(".png")
     if png_only and not command.png:
         raise UsageError(f"{command.output}: --no-png leaves nothing to write; name an .exr file.")
-    if png_only and (asked.aov or command.half):
+    if png_only and (command.render.aov or command.half):
         raise UsageError(f"{command.output}: a PNG file has no room for --aov or --half; name an .exr file.")
     if command.png:
         check_picture_path(png_path)
 
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
+        scene, settings = read_picture_scene(command, aov=tuple(dict.fromkeys(command.render.aov)))
         *origin, width, height = settings.window(scene.camera.pixeldim)
         work = f"rendering {width} x {height} pixels"
         with Timer(work, stderr_console(quiet=command.quiet)) as timer:

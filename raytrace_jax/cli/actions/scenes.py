@@ -23,64 +23,53 @@ from raytrace_jax.util.files import json_text, write_text
 from raytrace_jax.util.session import jax_session
 
 
-def run_new(command: New) -> int:
-    """Write the template of a scene and print its path."""
+def run_new(command: New) -> None:
     if command.output.exists():
         raise RaytraceError(f"{command.output}: it is there already, and a scene that was measured is not overwritten.")
     write_text(command.output, bundled_scenes()[command.scene].read_text(encoding="utf-8"))
     print(command.output)
-    return 0
 
 
-def run_format(command: Format) -> int:
-    """Print a scene's canonical text."""
+def run_format(command: Format) -> None:
     with jax_session(64):
         scene = read_scene(command.scene, command.assignments, command.model)
         text = scene_path(command.scene).read_text(encoding="utf-8-sig")
         sys.stdout.write(format_scene(scene, model=command.model, comments=text))
-    return 0
 
 
-def run_info(command: Info) -> int:
-    """Print a scene's blocks, its parameters with their values, and which shapes have which material."""
+def run_info(command: Info) -> None:
     with jax_session(64):
         scene = read_scene(command.scene, command.assignments, command.model)
         heads = ("kind", "name", "what")
         model = command.model or parameters.scene_model(scene)
         rows = [(block.keyword, block.name, _what(scene, block, model)) for block in parameters.blocks(scene)]
-        shapes = [(block.name, material_of(scene, block)) for block in parameters.shape_blocks(scene)]
-        materials = parameters.blocks_of(scene, "material")
-        users = {used.name: [shape for shape, material in shapes if material == used] for used in materials}
+        users: dict[str, list[str]] = {used.name: [] for used in parameters.blocks_of(scene, "material")}
+        for shape in parameters.shape_blocks(scene):
+            users[material_of(scene, shape).name].append(shape.name)
         values = parameters.list_parameters(scene)
         if command.json:
             told = [dict(zip(heads, row, strict=True)) for row in rows]
             sys.stdout.write(json_text({"blocks": told, "parameters": values, "materials": users}))
-            return 0
+            return
         print_table("blocks", heads, rows)
         print()
         print_table("parameters", ("name", "value"), [(name, _numbers(value)) for name, value in values.items()])
         print()
         print_table("materials", ("material", "shapes"), [(n, " ".join(shapes) or "-") for n, shapes in users.items()])
-    return 0
 
 
-def run_scenes(command: Scenes) -> int:
-    """Print the scenes that come with the package, each with the first comment of its file."""
-    rows = []
-    for name, path in bundled_scenes().items():
-        first = path.read_text(encoding="utf-8-sig").lstrip().split("\n", 1)[0]
-        rows.append((name, first.lstrip("#/ ") if first.startswith(("#", "//")) else "", str(path)))
+def run_scenes(command: Scenes) -> None:
+    firsts = {name: path.read_text(encoding="utf-8-sig").split("\n", 1)[0] for name, path in bundled_scenes().items()}
+    rows = [(name, firsts[name].lstrip("#/ "), str(path)) for name, path in bundled_scenes().items()]
     print_table("scenes", ("name", "what", "file"), rows)
-    return 0
 
 
 def _numbers(value: object) -> str:
     """Numbers as -D takes them."""
-    return ",".join(format_number(number) for number in np.atleast_1d(np.asarray(value)))
+    return ",".join(map(format_number, np.atleast_1d(np.asarray(value))))
 
 
 def _what(scene: Scene, block: Block, model: ModelName) -> str:
-    """A block in a few words."""
     if block.type.is_shape:
         return f"of {material_of(scene, block).name}"
     if block.keyword == "camera":
@@ -107,28 +96,25 @@ def _what(scene: Scene, block: Block, model: ModelName) -> str:
     return ", ".join(words for words in said if not words.endswith(" None"))
 
 
-def run_export(command: Export) -> int:
-    """Write the file, say what is lost, and print the path."""
+def run_export(command: Export) -> None:
     check_file(command.output)
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
+        scene, settings = read_picture_scene(command)
         lost = export_scene(scene, command.output, command.to, settings)
-    return _wrote(command, lost, "not in the file, or otherwise there")
+    _wrote(command, lost, "not in the file, or otherwise there")
 
 
-def run_import(command: Import) -> int:
-    """Read the file, say what is lost, write the scene and print its path."""
+def run_import(command: Import) -> None:
     check_file(command.output)
     with jax_session(64):
         scene, lost = import_scene(command.file)
         save_scene(scene, command.output, model="physical")
-    return _wrote(command, lost, "not in the scene, or otherwise there")
+    _wrote(command, lost, "not in the scene, or otherwise there")
 
 
-def _wrote(command: Export | Import, lost: Sequence[str], where: str) -> int:
+def _wrote(command: Export | Import, lost: Sequence[str], where: str) -> None:
     """Say on stderr what is lost, a line each, in a sentence that begins with `where`; print the path."""
     if lost:
         count = "1 thing" if len(lost) == 1 else f"{len(lost)} things"
         stderr_console(quiet=command.quiet).print(f"{where}, {count}:", *(f"  {words}" for words in lost), sep="\n")
     print(command.output)
-    return 0

@@ -6,6 +6,7 @@ the table of what it chooses from.
 
 import contextlib
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -13,7 +14,6 @@ from typing import Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 
 import docstring_parser
 from tyro.conf import Positional, Suppress, UseAppendAction, arg
-from tyro.constructors import PrimitiveConstructorSpec
 
 from raytrace_jax.cli.console import UsageError, blamed_on
 from raytrace_jax.tracer.settings import AovName, Precision, RenderSettings
@@ -28,17 +28,6 @@ def repeatable(word: Any, metavar: str) -> object:
     return arg(constructor=rows, metavar=metavar, help_behavior_hint="(repeatable)")
 
 
-SceneFile = Annotated[Positional[Path], arg(metavar="SCENE", help="The scene, a model.txt file.")]
-Assignments = Annotated[
-    tuple[str, ...],
-    repeatable(str, "NAME=VALUE"),
-    arg(
-        name="define",
-        aliases=["-D"],
-        help="Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the "
-        "names.",
-    ),
-]
 Quiet = Annotated[bool, arg(help="Say nothing on the way; errors and warnings are still shown.")]
 AsJson = Annotated[bool, arg(help="Print one JSON object on stdout in place of paths and tables.")]
 Names = Annotated[tuple[str, ...], repeatable(str, "NAME ...")]
@@ -57,59 +46,34 @@ def split_assignment(option: str, text: str, form: str, read: Callable[[str], T]
     raise UsageError(f"--{option} {text}: write {form}.")
 
 
-def whole_numbers(metavar: str) -> PrimitiveConstructorSpec:
-    """An option of so many whole numbers; tyro's own way says `INT INT` with its markup where one is missing."""
-    names = metavar.split()
-
-    def read(words: list[str]) -> tuple[int, ...]:
-        with contextlib.suppress(ValueError):
-            if len(words) == len(names):
-                return tuple(map(int, words))
-        raise ValueError(f"{len(names)} whole numbers are wanted, {metavar}, and {' '.join(words) or 'nothing'} came")
-
-    return PrimitiveConstructorSpec(
-        nargs="*",
-        metavar=metavar,
-        instance_from_str=read,
-        is_instance=lambda value: value is None or (isinstance(value, tuple) and len(value) == len(names)),
-        str_from_instance=lambda value: [str(number) for number in value or ()],
-    )
+@functools.cache
+def field_texts(options: type) -> dict[str, str]:
+    """The texts below a class' own fields by name, each on one line; to find them Python parses the whole module."""
+    rows = docstring_parser.parse_from_object(options).params
+    return {row.arg_name: " ".join((row.description or "").split()) for row in rows}
 
 
-@dataclass_transform(frozen_default=True)
-def option_class(hidden: Collection[str] = (), **flags: tuple[object, ...]) -> Callable[[type[T]], type[T]]:
-    """A decorator that makes a class of options a frozen dataclass with help as tyro takes it.
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+class CommandOptions(Checked):
+    """The base of all options: each class of them becomes a frozen dataclass with help as tyro takes it.
 
-    Its texts run on from line to line: tyro breaks its help where an indented line begins. A default of None is not
-    told: the texts say what holds without the option.
-
-    The command line does not offer `hidden` fields; `flags` say what tyro has to know of some fields besides.
+    Texts run on from line to line: tyro breaks its help where an indented line begins. A default of None is not told:
+    the texts say what holds without the option. The command line does not offer `hidden` fields. Rows of an option that
+    came repeatedly are joined, and refusals name an option as the command line does.
     """
 
-    def decorate(options: type[T]) -> type[T]:
-        options = dataclasses.dataclass(frozen=True)(options)
-        bases = reversed(options.__mro__[:-1])
-        rows = [row for base in bases for row in docstring_parser.parse_from_object(base).params]
-        texts = {row.arg_name: " ".join((row.description or "").split()) for row in rows}
-        found = get_type_hints(options, include_extras=True)
-        for field in dataclasses.fields(options):  # pyright: ignore[reportArgumentType]
+    def __init_subclass__(cls, hidden: Collection[str] = ()) -> None:
+        dataclasses.dataclass(frozen=True, kw_only=True)(cls)
+        texts = {name: text for base in reversed(cls.__mro__[:-1]) for name, text in field_texts(base).items()}
+        found = get_type_hints(cls, include_extras=True)
+        for field in dataclasses.fields(cls):  # pyright: ignore[reportArgumentType]
             hint = found[field.name]
             if field.name in hidden:
-                options.__annotations__[field.name] = Suppress[hint]
+                cls.__annotations__[field.name] = Suppress[hint]
             elif field.name in texts:
                 hint = Annotated[hint, arg(metavar=wanted(hint).metavar, help=texts[field.name])]
-                if field.default is None:
-                    hint = Annotated[hint, arg(help_behavior_hint="")]
-                for more in flags.get(field.name, ()):
-                    hint = Annotated[hint, more]
-                options.__annotations__[field.name] = hint
-        return options
-
-    return decorate
-
-
-class CommandOptions(Checked):
-    """Options whose refusals name them as the command line does; rows of an option that came repeatedly are joined."""
+                is_open = field.default is None
+                cls.__annotations__[field.name] = Annotated[hint, arg(help_behavior_hint="")] if is_open else hint
 
     def __post_init__(self):
         for name, value in vars(self).items():
@@ -119,17 +83,29 @@ class CommandOptions(Checked):
             super().__post_init__()
 
 
-ROWS: dict[str, Any] = {"size": (whole_numbers("W H"),), "crop": (whole_numbers("X Y W H"),)}
-
-
-@option_class(**ROWS, aov=(repeatable(AovName, "NAME ..."),))
 class PictureOptions(CommandOptions, RenderSettings):
     """How a picture is made."""
 
+    aov: Annotated[tuple[AovName, ...], repeatable(AovName, "NAME ...")] = ()
     precision: Precision = 64
     """Bits of the floating-point numbers in use. 32 is faster; a fit wants 64."""
 
 
-@option_class(hidden=("edges", "binning", "aov"), **ROWS)
-class RenderOptions(PictureOptions):
+class RenderOptions(PictureOptions, hidden=("edges", "binning", "aov")):
     """How a picture is made; `grad`, `gallery`, `rays`, `sweep`, `fit` and others share these."""
+
+
+class SceneOptions(CommandOptions):
+    """A scene with other values of some parameters."""
+
+    scene: Annotated[Positional[Path], arg(metavar="SCENE")]
+    """The scene, a model.txt file."""
+    assignments: Annotated[tuple[str, ...], repeatable(str, "NAME=VALUE"), arg(name="define", aliases=["-D"])] = ()
+    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
+
+
+class PictureCommand(SceneOptions):
+    """A scene whose pictures have these settings."""
+
+    quiet: Quiet = False
+    render: RenderOptions = RenderOptions()

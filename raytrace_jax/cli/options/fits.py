@@ -19,49 +19,36 @@ T = TypeVar("T")
 Assigned = Annotated[tuple[str, ...], shared.repeatable(str, "NAME=VALUE")]
 
 
-def parse_tie(text: str) -> tuple[str, str]:
-    """Split `cyan.ior=vitreous.ior` into follower and leader."""
-    return shared.split_assignment("tie", text, "NAME=FREE, as cyan.ior=vitreous.ior", str)
-
-
-def parse_prior(text: str) -> tuple[str, tuple[float, float]]:
-    """Split `vitreous.radius=2.3+-0.01` into the name, the mean and the standard deviation; `±` serves as well."""
-
-    def read(numbers: str) -> tuple[float, float]:
-        mean, _, deviation = numbers.replace("±", "+-").partition("+-")
-        return parse_number(mean.strip()), parse_number(deviation.strip())
-
-    return shared.split_assignment("prior", text, "NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01", read)
-
-
-def parse_uncertain(text: str) -> tuple[str, str]:
-    """Split `vitreous.radius=0.1%` or `vitreous.radius=0.002` into the name and how well it is known."""
-
-    def read(amount: str) -> str:
-        parse_number(amount.removesuffix("%").strip())
-        return amount
-
-    form = "NAME=SD or NAME=SHARE%, as vitreous.radius=0.002 or cam1=0.1%"
-    return shared.split_assignment("uncertain", text, form, read)
-
-
-def by_name(option: str, texts: tuple[str, ...], read: Callable[[str], tuple[str, T]]) -> dict[str, T]:
-    """What `read` makes of an option's `NAME=VALUE` texts, by name."""
+def by_name(option: str, texts: tuple[str, ...], form: str, read: Callable[[str], T]) -> dict[str, T]:
+    """What `read` makes of the values of an option's `NAME=VALUE` texts, by name."""
     found: dict[str, T] = {}
-    for name, value in map(read, texts):
+    for text in texts:
+        name, value = shared.split_assignment(option, text, form, read)
         if name in found:
             raise UsageError(f"--{option} {name} is given twice.")
         found[name] = value
     return found
 
 
-@shared.option_class(hidden=("correlations", "ties", "priors", "uncertain", "profiles"))
-class FitArguments(shared.CommandOptions, FitOptions):
+def read_prior(text: str) -> tuple[float, float]:
+    """The mean and the standard deviation in `2.3+-0.01`; `±` serves as well."""
+    mean, _, deviation = text.replace("±", "+-").partition("+-")
+    return parse_number(mean.strip()), parse_number(deviation.strip())
+
+
+def read_uncertain(text: str) -> str:
+    """A standard deviation as it stands, as 0.1% or 0.002, if it is a number."""
+    parse_number(text.removesuffix("%").strip())
+    return text
+
+
+class FitArguments(
+    shared.CommandOptions, FitOptions, hidden=("correlations", "ties", "priors", "uncertain", "profiles")
+):
     """How the fit is set up and solved; `Fit` has the options of several words."""
 
 
-@shared.option_class()
-class Fit(shared.CommandOptions):
+class Fit(shared.PictureCommand):
     """Fit parameters of a scene to a picture, and say how sure they are.
 
     The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html, report.png,
@@ -76,25 +63,22 @@ class Fit(shared.CommandOptions):
     Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result
     """
 
-    scene: shared.SceneFile
-    """The scene to start from, a model.txt file."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
     """The picture to explain, OpenEXR, PNG, JPEG, TIFF, PPM or Radiance HDR, of the size that is rendered; with --crop
     also the whole picture."""
     free: shared.Names
     """The parameters to find (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: shared.OutputFolder
-    assignments: shared.Assignments = ()
     mask: Annotated[Path | None, arg(metavar="FILE")] = None
     """Weights of the target's pixels, a picture of the same formats: 0 leaves a pixel out, 1 counts in full. A painted
     one counts where it is bright and opaque."""
     clipped: Clipped = "auto"
-    """What becomes of pixels with a channel at the largest number that the target's file can store, or at 0. drop: they
-    have no weight; keep: they count; auto: drop those of a JPEG or TIFF, and what is too bright for a PNG where the
-    model's light has no end."""
+    """What becomes of pixels with a channel at 0 or the largest number that the target's file can store. drop: no
+    weight; keep: they count; auto: drop those of a JPEG or TIFF, and physical light too bright for a PNG.
+    """
     transfer: Transfer | None = None
     """How the colours of a PNG target were stored. course: floor(255 * C), no gamma; srgb: as screens expect. Without
-    this what the file says holds; if it says nothing, whichever is clearly nearer to the picture at the start."""
+    it what the file says; if it says nothing, whichever is clearly nearer to the picture at the start."""
     layer: Annotated[str | None, arg(metavar="NAME")] = None
     """Which layer of an OpenEXR target, when it is not obvious."""
     long: bool = False
@@ -104,37 +88,35 @@ class Fit(shared.CommandOptions):
     """Write the report's figure as report.pdf, too, for a paper."""
     json: bool = False
     """Print one JSON object on stdout, the content of result.json, in place of the table and the last line."""
-    quiet: shared.Quiet = False
     tie: Assigned = ()
     """Let a parameter follow a free one, as cyan.ior=vitreous.ior or small.center=large.center."""
     prior: Assigned = ()
     """What is known of a free number, as vitreous.radius=2.3+-0.01: mean and standard deviation."""
     uncertain: Assigned = ()
-    """Standard deviation of a number that stays fixed, as vitreous.radius=0.002 or vitreous.radius=0.1%. The name of a
-    block (cam1=0.1%) or of a kind of blocks (lights=1%) stands for all its numbers. The errors then include it."""
+    """Standard deviation of a number that stays fixed, as vitreous.radius=0.002 or 0.1%, which the errors then include.
+    The name of a block (cam1=0.1%) or of a kind of blocks (lights=1%) stands for all its numbers."""
     profile: shared.Names = ()
     """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
     options: FitArguments = FitArguments()
-    render: shared.RenderOptions = shared.RenderOptions()
 
     def fit_options(self) -> FitOptions:
         """All options of the fit. Raises UsageError where a text is not written as its option wants it."""
-        ties, priors = by_name("tie", self.tie, parse_tie), by_name("prior", self.prior, parse_prior)
-        uncertain = by_name("uncertain", self.uncertain, parse_uncertain)
+        ties = by_name("tie", self.tie, "NAME=FREE, as cyan.ior=vitreous.ior", str)
+        priors = by_name("prior", self.prior, "NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01", read_prior)
+        form = "NAME=SD or NAME=SHARE%, as vitreous.radius=0.002 or cam1=0.1%"
+        uncertain = by_name("uncertain", self.uncertain, form, read_uncertain)
         changes = {"ties": ties, "priors": priors, "uncertain": uncertain, "profiles": self.profile}
         given = {field.name: getattr(self.options, field.name) for field in dataclasses.fields(FitOptions)}
         return FitOptions(**given | changes)
 
 
-@shared.option_class()
 class Batch(shared.CommandOptions):
     """Run the many renders, derivatives and fits of a plan, and gather them in a table.
 
     PLAN.toml names scenes, grids and lists of parameters, noise and seeds (docs/batch.md describes it). DIR gets a
-    folder of files for each kind of job, and results.csv, with results.parquet beside it if pyarrow is installed.
-    index.html shows all jobs, contact.png all pictures, and a file's name says what varies: vitreous.ior=1.45_e6c514ba.
-    Finished jobs are not run again: after Ctrl-C, a kill or a failure the same command goes on. The exit code is 1 if a
-    job failed; the table says which one and why.
+    folder of files for each kind of job, results.csv and, with pyarrow, results.parquet. index.html shows all jobs,
+    contact.png all pictures. After Ctrl-C, a kill or a failure the same command goes on: finished jobs are not run
+    again. The exit code is 1 if a job failed; the table says why.
 
     Example: raytrace-jax batch plan.toml -o results --workers 2
     """
@@ -143,8 +125,7 @@ class Batch(shared.CommandOptions):
     """The plan, a TOML file."""
     output: shared.OutputFolder
     workers: Annotated[int | None, Wanted(metavar="N", least=1)] = None
-    """Share the jobs out to N processes on this machine, one core each; without it they run one after the other on one
-    core. Needs the extra `batch`."""
+    """Share the jobs out to N processes on this machine, one core each. Needs the extra `batch`."""
     scheduler: Annotated[str | None, arg(metavar="ADDRESS")] = None
     """Share the jobs out to the workers of this dask scheduler, as tcp://10.0.0.1:8786. They must see DIR, and the
     plan's targets, under the same paths. Needs the extra `batch`."""
@@ -152,13 +133,12 @@ class Batch(shared.CommandOptions):
     quiet: shared.Quiet = False
 
 
-@shared.option_class()
-class Board:
+class Board(shared.CommandOptions):
     """Make a calibration board to print or to show on a screen: OpenCV's ChArUco pattern.
 
     Beside BOARD.pdf or BOARD.png come BOARD.txt, the board as blocks of a scene in millimetres, and BOARD_texture.png,
-    the picture that they lay on it. The paths of the three files are printed, and the board's sizes. A line of 100 mm
-    on the paper shows whether the printer kept to them. It needs OpenCV, of the extra `photo`.
+    the picture on it. The paths are printed, and the board's sizes; a line of 100 mm on the paper shows whether the
+    printer kept to them. It needs OpenCV, of the extra `photo`.
 
     Example: raytrace-jax board -o board.pdf --paper a3 --square 12mm
     """
@@ -168,23 +148,31 @@ class Board:
     paper: PaperName | None = None
     """The paper of a PDF, which lies on its longer side. Without it a4."""
     square: Annotated[str | None, arg(metavar="LENGTH")] = None
-    """The side of a square, as 10mm, 1cm or 0.4in. On a screen it becomes the nearest one of whole pixels. Without it
-    10mm; on a screen the smallest from there on of which the whole screen can be full."""
-    squares: Annotated[tuple[int, int] | None, shared.whole_numbers("C R")] = None
+    """The side of a square, as 10mm, 1cm or 0.4in; on a screen the nearest of whole pixels. Without it 10mm, on a
+    screen the smallest from there on that can fill it."""
+    squares: Annotated[tuple[int, int] | None, arg(metavar="C R")] = None
     """How many columns and rows of squares. Without it as many as fit."""
     screen: Annotated[str | None, arg(metavar="LENGTH")] = None
     """The diagonal of the screen that will show the PNG, as 27in."""
-    pixels: Annotated[tuple[int, int] | None, shared.whole_numbers("W H")] = None
+    pixels: Annotated[tuple[int, int] | None, arg(metavar="W H")] = None
     """The screen's own width and height in pixels."""
 
 
-BoardFile = Annotated[Path, arg(metavar="BOARD.txt")]
-LensFile = Annotated[Path | None, arg(metavar="CAMERA.txt")]
+class PhotoOptions(shared.CommandOptions):
+    """Photographs of a board."""
+
+    photos: Annotated[Positional[tuple[Path, ...]], arg(metavar="PHOTO ...")]
+    """The photographs, one or several."""
+    board: Annotated[Path, arg(metavar="BOARD.txt")]
+    """The board that they show, as `raytrace-jax board` writes it."""
+    transfer: Transfer | None = None
+    """How the photographs' numbers were made, course (linear) or srgb. Without it what each file says; where it says
+    nothing, 8 bits are srgb and more are course, which is told."""
+    quiet: shared.Quiet = False
 
 
-@shared.option_class()
-class Calibrate:
-    """Find the lens of a camera from several pictures of a board, and write it for `photo`.
+class Calibrate(PhotoOptions):
+    """Find the lens of a camera from several pictures of a board without a ball, and write it for `photo`.
 
     Take three pictures or more with the zoom, focus and size of the photograph, each tilted by 20 to 45 degrees to
     another side, the board large in them. The camera may be turned, if EXIF says so: the lens is as the sensor has it.
@@ -193,20 +181,11 @@ class Calibrate:
     Example: raytrace-jax calibrate tilted*.jpg --board board.txt -o camera.txt
     """
 
-    photos: Annotated[Positional[tuple[Path, ...]], arg(metavar="PHOTO ...")]
-    """Pictures of the board, without a ball."""
-    board: BoardFile
-    """The board that they show, as `raytrace-jax board` writes it."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="CAMERA.txt")]
     """The lens to write. Missing folders are made."""
-    transfer: Transfer | None = None
-    """How the pictures' numbers were made, course (linear) or srgb. Without it what each file says; where it says
-    nothing, 8 bits are srgb and more are course, which is told."""
-    quiet: shared.Quiet = False
 
 
-@shared.option_class()
-class Photo:
+class Photo(PhotoOptions):
     """Read the index of a glass ball off photographs of a board behind it.
 
     Nothing of the room has to be described. The board's markers and corners tell where the camera and the ball are; the
@@ -219,30 +198,22 @@ class Photo:
     Example: raytrace-jax photo ball*.jpg --board board.txt --radius 20+-0.01mm --camera camera.txt -o result
     """
 
-    photos: Annotated[Positional[tuple[Path, ...]], arg(metavar="PHOTO ...")]
-    """The photographs, one or several."""
-    board: BoardFile
-    """The board that they show, as `raytrace-jax board` writes it."""
     radius: Annotated[str, arg(metavar="LENGTH+-SD")]
     """The ball's radius and how well it is known, as 20mm or 20+-0.01mm. The index depends on it: 0.1 % of the radius
     is 0.002 of the index or so."""
     output: shared.OutputFolder
-    camera: LensFile = None
+    camera: Annotated[Path | None, arg(metavar="CAMERA.txt")] = None
     """The lens, as `raytrace-jax calibrate` writes it; it is turned as EXIF says that the camera was. Without it the
     photograph itself has to tell, with its EXIF."""
     ruler: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
     """What the ruler of 100 mm on the board measures, as 99.9+-0.05mm: printers scale. Without it the ruler
     counts as 100+-0.1mm."""
-    ball: Annotated[tuple[int, int, int] | None, shared.whole_numbers("X Y R")] = None
+    ball: Annotated[tuple[int, int, int] | None, arg(metavar="X Y R")] = None
     """Where the ball is, if it is not found: the column and row of its middle and its radius, in pixels. Of one
     photograph."""
     fit: bool = False
     """Fit the light of one photograph too, a second opinion that takes minutes, and write the report of that fit."""
-    transfer: Transfer | None = None
-    """How the photograph's numbers were made, course (linear) or srgb. Without it what the file says; where it says
-    nothing, 8 bits are srgb and more are course, which is told."""
     long: bool = False
     """Write estimates as 1.5187 +- 0.0011 in place of 1.5187(11), whose parentheses hold the error in the last digits;
     in the table, on the sheet and in the report of --fit."""
     json: shared.AsJson = False
-    quiet: shared.Quiet = False
