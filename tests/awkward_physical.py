@@ -8,7 +8,6 @@ import numpy as np
 from physical_scenes import Camera, Checker, Light, Material, Rectangle, Scene, Sphere, direction, scene_text
 
 from raytrace_jax import parse_scene
-from raytrace_jax.tracer.levels.compaction import in_blocks
 from raytrace_jax.tracer.pure import pure_picture
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.run import Capacity
@@ -100,7 +99,7 @@ def both_modes(edges, size=SIZE, rays=64):
     """
     how = ResolvedSettings(size=size, model="physical", mapping="center", max_bounces=BOUNCES, edges=edges)
     half = size[0] * size[1] // 2
-    return in_both_modes(how, Capacity(16 * in_blocks(half * rays / 16), half))
+    return in_both_modes(how, Capacity(1024 * -(-half * rays // 1024), half))
 
 
 def in_both_modes(how, room):

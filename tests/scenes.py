@@ -10,6 +10,7 @@ import numpy as np
 
 from raytrace_jax import RenderSettings, list_parameters, load_scene, parse_scene, set_parameters
 from raytrace_jax.scene.parameters import resolve
+from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step, rays_through
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 DATA = Path(__file__).parent.parent / "data"
@@ -23,6 +24,12 @@ def assignment_scene(dtype=jnp.float64):
 def resolved(**settings):
     """Settings of a picture of the classic model, with nothing left open."""
     return resolve_settings(assignment_scene(), RenderSettings(**settings))
+
+
+def camera_rays(camera, settings, column, row):
+    """Rays through fractional pixel positions."""
+    u, v = picture_place(camera, settings, column, row)
+    return rays_through(camera, settings, u, v, jnp.asarray(pixel_step(camera, settings), u.dtype))
 
 
 def random_plane(random, i):

@@ -19,7 +19,7 @@ from raytrace_jax import load_scene, render
 from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import packed, unpacked
-from raytrace_jax.tracer.levels.compaction import pack_rays
+from raytrace_jax.tracer.levels.integrator import pack_rays
 from raytrace_jax.tracer.levels.level import trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
@@ -104,8 +104,8 @@ def all_chunks(scene, settings):
             level = trace_level(world, unpacked(rays), live, rays.number, settings.of_rays)
             return pack_rays([(wanted & live, child) for wanted, child in level.children], rays.number + 1)
 
-        found, packing = jax.lax.map(children, (waiting, live))
-        return found, jnp.arange(packing.candidate.shape[-1], dtype=jnp.int32) < packing.count[:, None]
+        found, _, count = jax.lax.map(children, (waiting, live))
+        return found, jnp.arange(found.moving.shape[-1], dtype=jnp.int32) < count[:, None]
 
     (points, step), chunks = picture_pixels(scene, settings), []
     u, v = jnp.asarray(points)

@@ -61,10 +61,10 @@ MUTATIONS = {
         "geometry classic",
     ),
     "packing_order": Mutation(
-        "tracer/levels/compaction.py", "rank - 1, capacity)", "rank, capacity)", "compaction render"
+        "tracer/levels/integrator.py", "rank - 1, wanted.size)", "rank, wanted.size)", "geometry render"
     ),
     "queue_place": Mutation(
-        "tracer/levels/integrator.py", "tail + packing.slot, size)", "tail + packing.slot + 1, size)", "classic render"
+        "tracer/levels/integrator.py", "tail + slot, size)", "tail + slot + 1, size)", "classic render"
     ),
     "edge_of_a_ball": Mutation(
         "tracer/geometry/sphere.py", "1) * (-1 / radius)", "1) * (1 / radius)", "visibility footprints"

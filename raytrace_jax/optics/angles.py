@@ -33,15 +33,14 @@ def critical_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
     Derivative: `d theta_c / d eta = 1 / sqrt(1 - eta^2)`; with respect to the index `ior = 1 / eta` of what the ray
     wants to leave, `-1 / (ior sqrt(ior^2 - 1))`. (Born and Wolf, "Principles of Optics", 1.5.4.)
 
-    At `eta = 1` the result is its limit `pi / 2`, with derivative 0. Into a denser medium everything passes, and there
-    is no such angle: within `jit` and `vmap` the result is NaN.
+    At `eta = 1` the result is its limit `pi / 2`, with derivative 0.
 
     Args:
         eta: `eta_t / eta_i`, the index behind the surface over the index in front of it, up to 1: `1 / 1.5` for a ray
             that wants to leave glass of index 1.5.
 
     Raises:
-        SettingsError: `eta` is greater than 1.
+        SettingsError: `eta` is greater than 1: into a denser medium everything passes, and there is no such angle.
     """
     wanted = "1 at most is wanted, the index behind over the index in front: into a denser medium everything passes"
     return _arcsin(in_range(index(eta), ~(jnp.asarray(eta) > 1), "eta", wanted))
@@ -69,16 +68,13 @@ def slab_shift(
     `d s / d eta = thickness cos(theta_i) sin(theta_t) / (eta cos(theta_t)^3)`, `d s / d thickness = s / thickness`.
     (Hecht, "Optics", 4.4.)
 
-    Where nothing enters (`eta < 1`, at the critical angle and beyond it) there is no such ray: within `jit` and `vmap`
-    the result is NaN.
-
     Args:
         theta_i: angles of incidence in radians, -pi / 2 to pi / 2; the result has their sign.
         eta: index of the slab over the index around it, > 0.
         thickness: of the slab, in any unit of length.
 
     Raises:
-        SettingsError: nothing enters.
+        SettingsError: nothing enters (`eta < 1`, at the critical angle and beyond it).
     """
     theta_i, eta = angle(theta_i), index(eta)
     enters = jnp.abs(jnp.sin(theta_i)) < eta
@@ -101,16 +97,13 @@ def prism_deviation(
     D is least where the ray passes symmetrically, `sin(theta_i) = eta sin(apex / 2)`: a prism's index is measured by
     it, `eta = sin((D + apex) / 2) / sin(apex / 2)`. (Born and Wolf, "Principles of Optics", 4.7.2.)
 
-    Where no ray leaves by the second face, for the reflection there is total, or enters by the first, the result is
-    NaN within `jit` and `vmap`.
-
     Args:
         theta_i: angles of incidence in radians, positive where the ray comes from the base's side of the normal.
         eta: index of the prism over the index around it, > 0.
         apex: the angle between the two faces, in radians.
 
     Raises:
-        SettingsError: no ray leaves by the second face.
+        SettingsError: no ray leaves by the second face, for the reflection there is total, or enters by the first.
     """
     theta_i, eta, apex = angle(theta_i), index(eta), jnp.asarray(apex)
     inner = apex - snell_angle(theta_i, eta)
@@ -144,18 +137,15 @@ def in_range(
 
 
 def cosine(values: Float[ArrayLike, "*rays"], name: str) -> Float[Array, "*rays"]:
-    """Cosines of angles of incidence, as `in_range`."""
     is_wrong = (jnp.asarray(values) < 0) | (jnp.asarray(values) > 1 + 1e-6)  # By rounding in float32.
     wanted = "0 to 1 is wanted: that of the ray with the normal on its own side, -dot(d, n) or abs(dot(d, n))"
     return in_range(values, ~is_wrong, name, wanted)
 
 
 def angle(values: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
-    """Angles of incidence, as `in_range`."""
     is_wrong = jnp.abs(jnp.asarray(values)) > jnp.pi / 2 + 1e-6  # By rounding in float32.
     return in_range(values, ~is_wrong, "theta_i", "-pi / 2 to pi / 2 is wanted, in radians")
 
 
 def index(values: Float[ArrayLike, "*rays"], name: str = "eta") -> Float[Array, "*rays"]:
-    """Indices of refraction or their ratios, as `in_range`."""
     return in_range(values, ~(jnp.asarray(values) <= 0), name, "more than 0 is wanted")

@@ -63,7 +63,7 @@ def rainbow_angle(eta: Float[ArrayLike, "*rays"], internal_reflections: int = 1)
     `6 tan(theta_t) / eta` of the second one, which is seen at 50.9 degrees. (Descartes 1637.)
 
     Args:
-        eta: index of the ball over the index around it, 1 to k + 1; within `jit` and `vmap` others give NaN.
+        eta: index of the ball over the index around it, 1 to k + 1.
         internal_reflections: k, 1 or more.
 
     Raises:
@@ -84,7 +84,7 @@ def rainbow_incidence(eta: Float[ArrayLike, "*rays"], internal_reflections: int 
     through the centre, 0; both have derivative 0.
 
     Args:
-        eta: index of the ball over the index around it, 1 to k + 1; within `jit` and `vmap` others give NaN.
+        eta: index of the ball over the index around it, 1 to k + 1.
         internal_reflections: k, 1 or more.
 
     Raises:

@@ -31,8 +31,7 @@ def fresnel_amplitudes(
     here: both are given as 1 and their derivatives as 0.
 
     Args:
-        cos_theta_i: cosines of the angles of incidence, 0 (grazing) to 1; within `jit` and `vmap` those of other sizes
-            give NaN.
+        cos_theta_i: cosines of the angles of incidence, 0 (grazing) to 1.
         eta: `eta_t / eta_i`, the index behind the surface over the index in front of it, > 0.
 
     Returns:
@@ -70,8 +69,7 @@ def fresnel_dielectric(
     belong together by Snell's law.
 
     Args:
-        cos_theta_i: cosines of the angles of incidence, 0 (grazing) to 1; within `jit` and `vmap` those of other sizes
-            give NaN.
+        cos_theta_i: cosines of the angles of incidence, 0 (grazing) to 1.
         eta: `eta_t / eta_i`, the index behind the surface over the index in front of it, > 0.
 
     Raises:
@@ -95,8 +93,7 @@ def fresnel_schlick(cos_theta: Float[ArrayLike, "*#rays"], ior: Float[ArrayLike,
 
     Args:
         cos_theta: cosines, 0 to 1, of the larger of the two angles: the incident one on entering, the transmitted one
-            on leaving, so that the reflectance reaches 1 continuously at the critical angle. Within `jit` and
-            `vmap` those of other sizes give NaN.
+            on leaving, so that the reflectance reaches 1 continuously at the critical angle.
         ior: indices of refraction relative to vacuum, as in the course; one of the two media is taken for it. The
             reciprocal index gives the same result.
 

@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import jax
@@ -17,7 +17,7 @@ from raytrace_jax.scene.parameters import film_effects, get_parameter, resolve, 
 from raytrace_jax.scene.response import Frame, develop, without_idle
 from raytrace_jax.scene.scene import Scene, without_texels
 from raytrace_jax.tracer.pixels import SceneFunction, picture_pixels, pixel_derivatives
-from raytrace_jax.tracer.rendering import refuse_too_large, render, render_radiance
+from raytrace_jax.tracer.rendering import Image, refuse_too_large, render, render_radiance
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.run import Capacity
 from raytrace_jax.tracer.settings import RenderSettings
@@ -28,8 +28,11 @@ from raytrace_jax.util.text import quoted
 HALVINGS = 4
 """A step that leaves a parameter's limits is halved so often before the difference becomes one-sided.
 
-Each halving makes the noise of edges that cross samples twice as large. But one-sided, a difference by alpha is off by
-about half a step in its own units on two scenes; halved it is right to 2e-4 and better (experiments/tuning)."""
+One-sided, a difference by alpha is off by about half a step in its own units on two scenes; halved it is right to 2e-4
+and better, though noise of edges that cross samples doubles with each halving (experiments/tuning)."""
+
+
+Jacobian = Float[Array, "parameters 3 height width"]
 
 
 class PictureDerivatives(NamedTuple):
@@ -40,17 +43,14 @@ class PictureDerivatives(NamedTuple):
         units: what one of each of them is, for people.
     """
 
-    image: Float[Array, "3 height width"]
+    image: Image
     names: tuple[str, ...]
-    values: Float[Array, "parameters 3 height width"]
+    values: Jacobian
     units: tuple[str, ...] = ()
 
 
 def picture_derivatives(
-    scene: Scene,
-    names: Iterable[str],
-    settings: RenderSettings | None = None,
-    on_step: Callable[[str], None] | None = None,
+    scene: Scene, names: Iterable[str], settings: RenderSettings | None = None
 ) -> PictureDerivatives:
     """Render a picture and differentiate each of its pixels with respect to parameters, in forward mode.
 
@@ -60,7 +60,6 @@ def picture_derivatives(
         settings: what to render, without its AOVs; None is what the scene's file says. Without `edges` the picture is
             that of points and the derivative that of areas; with `edges="point"` it is that of the colours at the
             pixels' points: what edges that move gain or lose is not in it.
-        on_step: called with a scalar parameter's name when its derivative is there.
 
     Returns:
         The picture, and for each number the change of the picture per unit of it.
@@ -71,10 +70,9 @@ def picture_derivatives(
         SceneError: a number of the scene is not finite, or not a value that its attribute can have.
         PictureError: there is no memory for such pictures.
     """
-    # All that can be refused is refused before any work.
     settings = resolve_settings(scene, settings)
     scene = with_film(scene, names := tuple(names))
-    scalars = _expand(scene, names)
+    scalars = _scalars(scene, names)
     check_values(scene)
     settings = dataclasses.replace(settings, aov=())
     refuse_too_large(scene, settings, len(scalars))
@@ -89,11 +87,10 @@ def picture_derivatives(
     if scene.film is not None:
         # Effects of the response that do nothing and are not differentiated are not computed.
         filmed = dataclasses.replace(without_texels(scene), film=without_idle(scene.film, of_film.values()))
+        by_all = np.zeros((len(scalars), *image.shape), image.dtype)
+        by_all[list(traced)] = jacobian
         frame = settings.frame(scene.camera.pixeldim)
-        image, jacobian = develop_derivatives(image, jacobian, values, filmed, Named(scalars), frame, traced)
-    if on_step:
-        for name in scalars:
-            on_step(name)
+        image, jacobian = develop_derivatives(image, by_all, values, filmed, Named(scalars), frame)
     units = tuple(resolve(scene, name).attribute.unit for name in scalars)
     image, jacobian = jax.device_put((image, jacobian))
     return PictureDerivatives(image, scalars, jacobian, units)
@@ -106,23 +103,15 @@ class Named:
     names: tuple[str, ...]
 
     def moved(self, scene: Scene, y: Float[Array, " parameters"]) -> Scene:
-        """The scene with these values."""
         return set_parameters(scene, {name: y[k] for k, name in enumerate(self.names)})
 
 
 def radiance_derivatives(
-    y: Float[Array, " parameters"],
-    scene: Scene,
-    unknowns: SceneFunction,
-    settings: ResolvedSettings,
-    room: Capacity | None = None,
+    y: Array, scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity | None = None
 ) -> tuple[Any, Any, Any]:
     """A picture before the camera's response, its derivatives by `y` in forward mode, and how many rays found no room.
 
     Without `edges` the picture is that of points, and only the derivative that of areas.
-
-    Args:
-        room: as for `in_batches`.
     """
     _, _, width, height = settings.window(scene.camera.pixeldim)
     fixed, of_fixed = not_differentiable((y, scene)) if settings.edges != "point" else (y, scene)
@@ -154,24 +143,20 @@ def _refuse_derivative(primals, tangents):
 not_differentiable.defjvp(_refuse_derivative, symbolic_zeros=True)
 
 
-@functools.partial(jit, static_argnames=("unknowns", "frame", "traced"))
+@functools.partial(jit, static_argnames=("unknowns", "frame"))
 def develop_derivatives(
-    image: Float[Array, "3 height width"],
-    jacobian: Float[Array, "traced 3 height width"],
+    image: Image,
+    jacobian: Jacobian,
     y: Float[Array, " parameters"],
     scene: Scene,
     unknowns: SceneFunction,
     frame: Frame,
-    traced: tuple[int, ...] | None = None,
-) -> tuple[Float[Array, "3 height width"], Float[Array, "parameters 3 height width"]]:
+) -> tuple[Image, Jacobian]:
     """A picture of radiance as the camera's response shows it, and its derivatives by all unknowns.
 
     Args:
-        jacobian: the radiance's derivatives by the unknowns that `traced` counts; 0 by the others. None counts all.
         scene: gives the response, with None for effects that do nothing.
     """
-    if traced is not None:
-        jacobian = jnp.zeros((len(y), *image.shape), image.dtype).at[np.array(traced, int)].set(jacobian)
 
     def developed(image, y):
         return develop(image, unknowns.moved(scene, y).film, frame)
@@ -184,12 +169,7 @@ def develop_derivatives(
 
 
 def finite_differences(
-    scene: Scene,
-    names: Iterable[str],
-    settings: RenderSettings | None = None,
-    step: float = 6e-3,
-    samples: int = 16,
-    on_step: Callable[[str], None] | None = None,
+    scene: Scene, names: Iterable[str], settings: RenderSettings | None = None, step: float = 6e-3, samples: int = 16
 ) -> Float[np.ndarray, "parameters 3 height width"]:
     """Difference quotients of point-sampled pictures, which include the motion of edges and need no derivative.
 
@@ -201,34 +181,28 @@ def finite_differences(
         step: how far a parameter moves to either side, in its own unit. An edge has to cross several samples on the
             way, or the difference is noise.
         samples: the pictures have `samples` x `samples` rays a pixel, 1 to 64.
-        on_step: called with a scalar parameter's name when its difference is there.
 
     Raises:
         ParameterError: as `picture_derivatives`; or a parameter cannot move by the step, or not visibly in its dtype.
         ValueError: the step is not a finite number above 0; `samples` is out of range; a crop outside of the picture.
     """
-    # What to vary, and by pictures of many point samples: these see edges without a derivative.
     settings = resolve_settings(scene, settings)
     if not (np.isfinite(step) and step > 0):
         raise ValueError(f"step is {step}; it can be any number greater than 0")
     scene = with_film(scene, names := tuple(names))
     settings = dataclasses.replace(settings, edges="point", samples=samples, aov=())
-    # All ends before the first picture: a step that a parameter cannot take is refused before the work.
-    ends = {name: _ends(scene, name, step) for name in _expand(scene, names)}
+    # A step that a parameter cannot take is refused before the first picture.
+    ends = {name: _ends(scene, name, step) for name in _scalars(scene, names)}
     differences = []
     for name, (ahead, behind) in ends.items():
         # Between the numbers as they are stored: in float32 they lie a little off `value + step`.
         width = float(get_parameter(ahead, name)) - float(get_parameter(behind, name))
         after, before = (np.asarray(render(end, settings).image) for end in (ahead, behind))
         differences.append((after - before) / after.dtype.type(width))
-        if on_step:
-            on_step(name)
     return np.stack(differences)
 
 
-def relative_error(
-    derivative: Float[ArrayLike, "3 height width"], reference: Float[ArrayLike, "3 height width"]
-) -> float:
+def relative_error(derivative: ArrayLike, reference: ArrayLike) -> float:
     """The L2 norm of `derivative - reference` in units of the reference's; 0 if they are equal, also if both are 0."""
     derivative, reference = np.asarray(derivative), np.asarray(reference, np.float64)
     error, size = float(np.linalg.norm(derivative - reference)), float(np.linalg.norm(reference))
@@ -237,14 +211,14 @@ def relative_error(
     return error / size if size > 0 else float("inf")
 
 
-def correlation(derivative: Float[ArrayLike, "3 height width"], reference: Float[ArrayLike, "3 height width"]) -> float:
+def correlation(derivative: ArrayLike, reference: ArrayLike) -> float:
     """Pearson's correlation of two derivative pictures over pixels and channels; 0 if one of them is constant."""
     one, other = (values - values.mean() for values in (np.asarray(x, np.float64) for x in (derivative, reference)))
     size = float(np.linalg.norm(one) * np.linalg.norm(other))
     return float(np.sum(one * other)) / size if size > 0 else 0.0
 
 
-def _expand(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
+def _scalars(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
     scalars = scalar_names(scene, names)
     if not scalars:
         raise ParameterError("a derivative needs the name of at least one parameter.")
@@ -261,7 +235,7 @@ def _ends(scene: Scene, name: str, step: float) -> tuple[Scene, Scene]:
 
     for halvings in range(HALVINGS + 1):
         ahead, behind = (moved(sign * step / 2**halvings) for sign in (1, -1))
-        if ahead is not None and behind is not None:
+        if ahead and behind:
             break
     else:
         # At a limit: one side only, by the whole step.
@@ -272,17 +246,9 @@ def _ends(scene: Scene, name: str, step: float) -> tuple[Scene, Scene]:
 
 
 class Differences(NamedTuple):
-    """Finite differences of a picture.
-
-    Args:
-        spreads: for each the relative L2 difference from those by twice the step: about their own error, be it that of
-            a step that is too long or of samples that are too few for a short one.
-        steps: for each how far it moved to either side, before its limits.
-    """
-
     values: Float[np.ndarray, "parameters 3 height width"]
-    spreads: tuple[float, ...]
-    steps: tuple[float, ...]
+    spreads: tuple[float, ...]  # The relative L2 differences from those by twice the step: about their own errors.
+    steps: tuple[float, ...]  # How far each parameter moved to either side, before its limits.
     samples: int
 
 
@@ -292,7 +258,6 @@ def steady_differences(
     settings: RenderSettings | None = None,
     step: float | None = None,
     samples: int | None = None,
-    on_step: Callable[[str], None] | None = None,
 ) -> Differences:
     """Central finite differences of a picture by two steps, the second half of the first, to check derivatives against.
 
@@ -300,9 +265,6 @@ def steady_differences(
         step: the first step. Without it the step is halved until the differences by two steps agree, or until halving
             it once more makes them worse, as the noise of samples then does.
         samples: as for `finite_differences`; without it 16 to 48, fewer in large pictures.
-
-    Raises:
-        ParameterError, ValueError: as `finite_differences`.
     """
     settings = resolve_settings(scene, settings)
     scalars = scalar_names(scene, names)
@@ -314,7 +276,7 @@ def steady_differences(
     first = 0.006 if step is None else step
 
     def differ(names: Iterable[str], halvings: int) -> Float[np.ndarray, "parameters 3 height width"]:
-        return finite_differences(scene, names, settings, first / 2**halvings, samples, on_step)
+        return finite_differences(scene, names, settings, first / 2**halvings, samples)
 
     # Of all parameters first: a step that one cannot take is refused before the work.
     pairs = zip(scalars, differ(scalars, 0), differ(scalars, 1), strict=True)

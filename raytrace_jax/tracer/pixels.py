@@ -17,9 +17,9 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Camera, Scene, map_scenes, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
-from raytrace_jax.tracer.levels.integrator import Outcome, trace
+from raytrace_jax.tracer.levels.integrator import trace
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.run import Batches, Capacity, Points, in_batches, map_batches, sample_batch, scene_key
+from raytrace_jax.tracer.run import Batches, Points, Room, in_batches, map_batches, sample_batch, scene_key
 from raytrace_jax.tracer.settings import AOVS
 from raytrace_jax.tracer.shading.image_texture import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
@@ -29,44 +29,30 @@ from raytrace_jax.util.numerics import materialize
 
 
 class Pixels(NamedTuple):
-    """Pixels of a picture.
-
-    Args:
-        points: where they look, as `picture_place`.
-        step: how far it is from one pixel to the next, as `pixel_step`.
-    """
-
-    points: Points
-    step: Float[np.ndarray, "2"]
+    points: Points  # Where they look, as `picture_place`.
+    step: Float[np.ndarray, "2"]  # How far it is from one pixel to the next, as `pixel_step`.
 
 
 class PixelDerivatives(NamedTuple):
-    """Each pixel's colour, the colour's derivatives, and whether the pixel is an area that sees an edge.
-
-    Args:
-        overflow: how many rays found no room, as `in_batches` tells.
-    """
+    """Each pixel's colour, the colour's derivatives, and whether the pixel is an area that sees an edge."""
 
     color: Float[np.ndarray, "3 pixels"]
     jacobian: Float[np.ndarray, "parameters 3 pixels"]
     sees_edge: Bool[np.ndarray, " pixels"]
-    overflow: Any = 0
+    overflow: Any = 0  # How many rays found no room, as `in_batches` tells.
 
 
 @runtime_checkable
 class SceneFunction(Protocol):
     """A scene as a function of the numbers that it is differentiated by; hashable, as a program's static argument."""
 
-    def moved(self, scene: Scene, y: Float[Array, " parameters"]) -> Scene:
-        """The scene at the numbers `y`."""
-        ...
+    def moved(self, scene: Scene, y: Float[Array, " parameters"]) -> Scene: ...
 
 
 def picture_pixels(scene: Scene, settings: ResolvedSettings, numpy: Any = np) -> Pixels:
     """All pixels of a scene's picture, row by row from the top.
 
-    Args:
-        numpy: what computes them; `jax.numpy` within a transformation of JAX, lest a program holds all points.
+    `numpy` is JAX's within a transformation of JAX, lest a program holds all points.
     """
     x, y, width, height = settings.window(scene.camera.pixeldim)
     dtype = scene.camera.viewpoint.dtype if numpy is jnp else float
@@ -89,6 +75,9 @@ def mean_of_samples(
     Args:
         at: what is at points, and the overflow, as `in_batches` returns them; points are traced if the pixels are.
     """
+    if samples == 1:
+        found, overflow = at(pixels.points)
+        return list(found), overflow
     offsets, count = sample_offsets(samples) * pixels.step, pixels.points.shape[1]
     if not isinstance(pixels.points, np.ndarray):
         # One sample after the other. In reverse mode each is computed anew: memory for one of them is enough.
@@ -96,9 +85,6 @@ def mean_of_samples(
             found, overflow = at(pixels.points + offset[:, None])
             return [sum_ + each for sum_, each in zip(sums, found, strict=True)], overflow
 
-        if samples == 1:
-            found, overflow = at(pixels.points)
-            return list(found), overflow
         nothing = [jnp.zeros(x.shape, x.dtype) for x in jax.eval_shape(at, pixels.points)[0]]
         offsets = jnp.asarray(offsets, pixels.points.dtype)
         sums, overflow = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), nothing, offsets)
@@ -115,51 +101,40 @@ def mean_of_samples(
 def pixel_colors(
     scenes: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None
 ) -> Float[np.ndarray, "scenes 3 points"]:
-    """Radiance at some points of the pictures of some scenes.
+    """Radiance at some points of the pictures of some scenes, which have concrete values.
 
     Args:
-        scenes: scenes of one structure, with concrete values, as `map_scenes` makes them.
         settings: what to render; what it says of pixels and their edges does not matter.
         step: as `pixel_step`: then each point stands for the edge-aware pixel around it; without it, for one ray.
     """
     viewpoint, count = scenes.camera.viewpoint, points.shape[1]
     if not len(viewpoint) or not count:
         return np.zeros((len(viewpoint), 3, count), viewpoint.dtype)
-    return pixel_outputs(scenes, points, _of_colors(settings, step), step)[0]["color"]
+    pixels = Pixels(points, np.zeros(2) if step is None else step)
+    return pixel_outputs(scenes, pixels, _of_colors(settings, step))[0]["color"]
 
 
 def pixel_outputs(
-    scenes: Scene,
-    points: Points,
-    settings: ResolvedSettings,
-    step: Float[np.ndarray, "2"] | None,
-    room: Capacity | None = None,
+    scenes: Scene, pixels: Pixels, settings: ResolvedSettings, room: Room = None
 ) -> tuple[dict[str, Any], Any]:
-    """The `color` at points, and the arbitrary output variables of the settings there, by name; and the overflow.
-
-    Args:
-        room: as for `in_batches`: within a transformation of JAX scenes and points are traced.
-    """
+    """The `color` of pixels, and the arbitrary output variables of the settings there, by name; and the overflow."""
     settings, aov = settings.of_rays, settings.aov
     scenes = map_scenes(np.asarray if room is None else jnp.asarray, dataclasses.replace(scenes, film=None))
-    names, last = ("color", *aov), None
+    names = ("color", *aov)
 
     def program(batches: Batches):
-        nonlocal last
-        if last is None or not np.array_equal(last[0], batches.picture):
-            pictures = batches.picture if room is None else slice(1)
-            last = batches.picture, map_scenes(lambda x: x[pictures], scenes)
-        found, wanted = color_batches(last[1], batches, settings, aov, reversible=room is not None)
+        pictures = batches.picture if room is None else slice(1)
+        own = map_scenes(lambda x: x[pictures], scenes)
+        found, wanted = color_batches(own, batches, settings, aov, reversible=room is not None)
         return tuple(found[name] for name in names), wanted
 
     viewpoint = scenes.camera.viewpoint
-    points, key = points.astype(viewpoint.dtype), scene_key(scenes, settings)
-    found, overflow = in_batches(len(viewpoint), points, step, key, settings, program, room)
+    points, key = pixels.points.astype(viewpoint.dtype), scene_key(scenes, settings)
+    found, overflow = in_batches(len(viewpoint), points, pixels.step, key, settings, program, room)
     return dict(zip(names, found, strict=True)), overflow
 
 
 def prepare_colors(scene: Scene, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None) -> None:
-    """Compile what `pixel_colors` will run for such scenes, and run nothing."""
     settings = _of_colors(settings, step).of_rays
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
     batches = sample_batch(scene_key(scenes, settings), settings, scenes.camera.viewpoint.dtype)
@@ -174,14 +149,11 @@ def _of_colors(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) 
 def color_batches(
     scenes: Scene, batches: Batches, settings: ResolvedSettings, aov: tuple[str, ...] = (), reversible: bool = False
 ) -> tuple[dict[str, Array], Array]:
-    """Colours and output variables at batches of points, which are spread over devices.
+    """Colours and output variables by name at batches of points, and how many rays each batch wanted.
 
     Args:
         scenes: the scene of each slot; if `reversible` the one scene of all.
         reversible: whether reverse mode can go through it.
-
-    Returns:
-        The outputs by name, and how many rays each batch wanted.
     """
 
     def lay_out(pyramids: tuple[Pyramid, ...], scene: Scene) -> tuple[Camera, World]:
@@ -189,9 +161,10 @@ def color_batches(
 
     def one_batch(common, scene, points: Float[Array, "2 rays"], count, step):
         camera, world = common if reversible else materialize(lay_out(common, scene), count > 0)
-        options = {"with_hits": bool(aov), "reversible": reversible}
-        found = trace(world, camera, points, step, count, settings, **options)
-        return {"color": found.color, **output_variables(found, aov)}, found.wanted
+        found = trace(world, camera, points, step, count, settings, with_hits=bool(aov), reversible=reversible)
+        first: Any = found.first
+        variables = {name: jnp.where(first.valid, AOVS[name].value(found), AOVS[name].missing) for name in aov}
+        return {"color": found.color, **variables}, found.wanted
 
     # Textures are filtered once for all batches: a loop would filter them again for each.
     pyramids, bare = prepare_pyramids(scenes, settings.edges), without_texels(scenes)
@@ -201,28 +174,10 @@ def color_batches(
     return map_batches(one_batch, pyramids, bare, batches, reversible)
 
 
-def output_variables(found: Outcome, aov: tuple[str, ...]) -> dict[str, Array]:
-    """The arbitrary output variables of what was traced."""
-    if found.first is None:
-        return {}
-    return {name: jnp.where(found.first.valid, AOVS[name].value(found), AOVS[name].missing) for name in aov}
-
-
 def pixel_derivatives(
-    y: Float[Array, " parameters"],
-    scene: Scene,
-    pixels: Pixels,
-    unknowns: SceneFunction,
-    settings: ResolvedSettings,
-    room: Capacity | None = None,
+    y: Array, scene: Scene, pixels: Pixels, unknowns: SceneFunction, settings: ResolvedSettings, room: Room = None
 ) -> PixelDerivatives:
-    """Radiance of pixels and its derivatives in forward mode.
-
-    Args:
-        y: the numbers by which to differentiate; concrete without `room`.
-        settings: what to render; they say `edges`, and how often a pixel is sampled in each direction.
-        room: as for `in_batches`.
-    """
+    """Radiance of pixels and its derivatives by `y` in forward mode; the settings say `edges`."""
     rays, y = settings.of_rays, jnp.asarray(y)
     key = scene_key(scene, rays)
 
@@ -241,7 +196,6 @@ def pixel_derivatives(
 def prepare_derivatives(
     y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings
 ) -> None:
-    """Compile what `pixel_derivatives` will run, and run nothing."""
     rays, y = settings.of_rays, jnp.asarray(y)
     batches = sample_batch(scene_key(scene, rays), rays, y.dtype)
     differentiate_batches.prepare(y, scene, batches, unknowns, rays)
@@ -249,21 +203,9 @@ def prepare_derivatives(
 
 @functools.partial(jit, static_argnames=("unknowns", "settings", "reversible"))
 def differentiate_batches(
-    y: Float[Array, " parameters"],
-    scene: Scene,
-    batches: Batches,
-    unknowns: SceneFunction,
-    settings: ResolvedSettings,
-    reversible: bool = False,
+    y: Array, scene: Scene, batches: Batches, unknowns: SceneFunction, settings: ResolvedSettings, reversible=False
 ) -> tuple[tuple[Array, Array, Array], Array]:
-    """Radiance of batches of pixels and its derivatives; batches are spread over devices.
-
-    Args:
-        reversible: whether reverse mode can go through it, for a second derivative.
-
-    Returns:
-        The fields of `PixelDerivatives` of each batch, and how many rays each wanted.
-    """
+    """The fields of `PixelDerivatives` of each batch, and how many rays each wanted; `reversible` as above."""
 
     def one_batch(common: tuple[Array, Scene, tuple[Pyramid, ...]], _, points: Float[Array, "2 rays"], count, step):
         y, scene, pyramids = common

@@ -15,7 +15,7 @@ from raytrace_jax.scene.scene import Scene, check_scene, map_scenes, without_tex
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.derivatives import develop_derivatives, not_differentiable, radiance_derivatives
 from raytrace_jax.tracer.pixels import SceneFunction, picture_pixels, pixel_outputs
-from raytrace_jax.tracer.rendering import Film, refuse_too_large, render_concrete, render_radiance
+from raytrace_jax.tracer.rendering import Film, Image, refuse_too_large, render_concrete, render_radiance
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.run import NEEDS, Capacity, capacity_for, scene_key
 from raytrace_jax.tracer.settings import RenderSettings
@@ -27,11 +27,7 @@ USUAL_NEEDS = {"point": 10.0, "aware": 24.0}
 
 
 def room_for(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
-    """Room for the rays of a picture and of its derivative: what is usual, or what such a scene was last seen to want.
-
-    Args:
-        slack: room for more rays than it was seen to want, as a factor.
-    """
+    """Room for a picture and its derivative: what is usual, or `slack` times what such a scene was seen to want."""
     settings, scene = settings.of_derivative.of_rays, dataclasses.replace(scene, film=None)
     # A part of a picture may have been seen, of sky alone: never less than what is usual.
     need = max(slack * NEEDS.get(scene_key(scene, settings), 0), USUAL_NEEDS[settings.edges or "aware"])
@@ -40,20 +36,16 @@ def room_for(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity
 
 def measured_room(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
     """`room_for` a scene with concrete values that is traced for it."""
-    of_rays = settings.of_derivative.of_rays
     pixels = picture_pixels(scene, settings)
+    some = pixels._replace(points=pixels.points[:, :: 1 + pixels.points.shape[1] // 4096])
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
-    pixel_outputs(scenes, pixels.points[:, :: 1 + pixels.points.shape[1] // 4096], of_rays, pixels.step)
+    pixel_outputs(scenes, some, settings.of_derivative.of_rays)
     return room_for(scene, settings, slack)
 
 
 @with_lower_ranks
 def pure_picture(scene: Scene, settings: ResolvedSettings, room: Capacity) -> Film:
-    """The picture; `film.overflow` is positive where rays found no room.
-
-    Args:
-        settings: what to render; without `edges` the picture is that of points, and its derivative that of areas.
-    """
+    """The picture; without `edges` it is that of points, and its derivative that of areas."""
     film, frame = scene.film, settings.frame(scene.camera.pixeldim)
     scene = dataclasses.replace(scene, film=None)
     if settings.edges:
@@ -68,17 +60,12 @@ def pure_picture(scene: Scene, settings: ResolvedSettings, room: Capacity) -> Fi
 
 
 compiled_picture = jit(pure_picture, static_argnames=("settings", "room"))
-"""`pure_picture`, compiled once for each of settings and room."""
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(3, 4))
 def moved_by_areas(
-    scene: Scene,
-    image: Float[Array, "3 height width"],
-    overflow: Int[Array, ""],
-    settings: ResolvedSettings,
-    room: Capacity,
-) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
+    scene: Scene, image: Image, overflow: Int[Array, ""], settings: ResolvedSettings, room: Capacity
+) -> tuple[Image, Int[Array, ""]]:
     """The radiance at the pixels' points with the derivative of their areas' means, and how many rays found no room.
 
     A point's colour jumps where an edge crosses it, so that its derivative lacks what edges sweep. The mean over an
@@ -92,10 +79,9 @@ def moved_by_areas(
 def _moved_by_areas(settings: ResolvedSettings, room: Capacity, primals, tangents):
     scene, image, overflow = primals
 
-    def on_areas(scene: Scene) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
-        radiance = render_radiance(
-            differentiable_once(scene), dataclasses.replace(settings.of_derivative, aov=()), room
-        )
+    def on_areas(scene: Scene):
+        areas = dataclasses.replace(settings.of_derivative, aov=())
+        radiance = render_radiance(differentiable_once(scene), areas, room)
         return radiance.image, radiance.overflow
 
     _, moved, more = jax.jvp(on_areas, (scene,), (tangents[0],), has_aux=True)
@@ -112,17 +98,13 @@ def differentiable_once(scene: Scene) -> Scene:
     return scene
 
 
-def _differentiable_once(primals, tangents):
-    return not_differentiable(*primals), *tangents
-
-
-differentiable_once.defjvp(_differentiable_once, symbolic_zeros=True)
+differentiable_once.defjvp(lambda primals, tangents: (not_differentiable(*primals), *tangents), symbolic_zeros=True)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(2, 3, 4))
 def picture_at(
     y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity
-) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
+) -> tuple[Image, Int[Array, ""]]:
     """The picture of a scene at the numbers `y`, and how many rays found no room.
 
     Each derivative that a transformation takes by itself would be another copy of the tracer in its program. All
@@ -147,8 +129,7 @@ picture_at.defjvp(_picture_at_jvp, symbolic_zeros=True)
 @functools.partial(jit, static_argnames=("unknowns", "settings", "room"))
 def picture_jacobian(
     y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity
-) -> tuple[Float[Array, "3 height width"], Float[Array, "parameters 3 height width"], Int[Array, ""]]:
-    """The picture at `y`, its derivatives by all of `y`, and how many rays found no room."""
+) -> tuple[Image, Float[Array, "parameters 3 height width"], Int[Array, ""]]:
     image, jacobian, overflow = radiance_derivatives(y, scene, unknowns, settings, room)
     if scene.film is not None:
         frame = settings.frame(scene.camera.pixeldim)

@@ -27,62 +27,35 @@ KINDS: tuple[RayKind, ...] = ("reflected", "transmitted")
 
 
 class RayNode(NamedTuple):
-    """A ray, what it hits, and the colour that it brings back.
+    """A ray, what it hits, and the colour that it brings back."""
 
-    Args:
-        number: its place in the tree; parents come before their children, and 0 is the camera's ray.
-        bounce: how many rays lie before it on its path.
-        weight: about how much its colour counts in the pixel's: the product of the weights along its path.
-        o: where it starts, world units.
-        distance: from `o` to `p`, world units.
-        path_length: of the whole path from the viewpoint to `p`; ambient light falls off with it.
-        color: what the ray brings back, scene-linear RGB.
-        shape: name of the shape that it hits; None if it hits nothing, and then `p`, `n`, lengths and what follows have
-            no meaning.
-        entering: whether it comes from the side that the normal points to.
-        theta_i: angle of incidence in radians, 0 to pi / 2.
-        theta_t: angle of refraction in radians; None where nothing is transmitted.
-        total: whether there is total internal reflection.
-        reflect: weight of the reflected ray in this one's colour, of the largest channel; 0 if there is none.
-        medium: name of the shape whose glass it runs through; None in vacuum, and in models without media.
-        absorbed: the share of its radiance that is absorbed there, the mean of the channels.
-    """
-
-    number: int
+    number: int  # Its place in the tree; parents come before their children, and 0 is the camera's ray.
     parent: int | None
     kind: RayKind
-    bounce: int
-    weight: float
-    o: Float[np.ndarray, "3"]
+    bounce: int  # How many rays lie before it on its path.
+    weight: float  # About how much its colour counts in the pixel's: the product of the weights along its path.
+    o: Float[np.ndarray, "3"]  # Where it starts, world units.
     d: Float[np.ndarray, "3"]
     p: Float[np.ndarray, "3"]
     n: Float[np.ndarray, "3"]
-    distance: float
-    path_length: float
-    color: Float[np.ndarray, "3"]
-    shape: str | None = None
-    entering: bool = False
-    theta_i: float = 0.0
-    theta_t: float | None = None
-    total: bool = False
-    reflect: float = 0.0
+    distance: float  # From `o` to `p`, world units.
+    path_length: float  # Of the whole path from the viewpoint to `p`; ambient light falls off with it.
+    color: Float[np.ndarray, "3"]  # What the ray brings back, scene-linear RGB.
+    shape: str | None = None  # The one that it hits; if None, `p`, `n`, lengths and what follows have no meaning.
+    entering: bool = False  # Whether it comes from the side that the normal points to.
+    theta_i: float = 0.0  # Angle of incidence in radians, 0 to pi / 2.
+    theta_t: float | None = None  # Angle of refraction in radians; None where nothing is transmitted.
+    total: bool = False  # Whether there is total internal reflection.
+    reflect: float = 0.0  # Weight of the reflected ray in this one's colour, of the largest channel; 0 if none.
     transmit: float = 0.0
-    medium: str | None = None
-    absorbed: float = 0.0
+    medium: str | None = None  # The shape whose glass it runs through; None in vacuum, and in models without media.
+    absorbed: float = 0.0  # The share of its radiance that is absorbed there, the mean of the channels.
 
 
 class RayTree(NamedTuple):
-    """All rays of one pixel.
-
-    Args:
-        pixel: column and row, from the top left of the picture.
-        nodes: the rays, level by level; the first is the camera's and has the pixel's colour.
-        dropped: how many more rays were wanted after the last bounce that the settings allow; they count as black.
-    """
-
-    pixel: tuple[int, int]
-    nodes: tuple[RayNode, ...]
-    dropped: int
+    pixel: tuple[int, int]  # Column and row, from the top left of the picture.
+    nodes: tuple[RayNode, ...]  # The rays, level by level; the first is the camera's and has the pixel's colour.
+    dropped: int  # How many more rays were wanted after the last bounce that the settings allow; they count as black.
 
 
 def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | None = None) -> RayTree:
@@ -95,18 +68,15 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
         settings: what to render, one sample a pixel, without awareness of edges; None is what the scene's file says.
 
     Raises:
-        SettingsError: a pixel outside of the picture or of the crop, a crop outside of the picture, or settings for
-            which a pixel is not one ray.
+        SettingsError: a pixel or a crop outside of the picture, or settings for which a pixel is not one ray.
         RaytraceError: more than 8192 rays.
     """
     settings = resolve_settings(scene, settings)
     x, y, width, height = settings.window(scene.camera.pixeldim)
     column, row = pixel
     if not (x <= column < x + width and y <= row < y + height):
-        columns, rows = f"{x} to {x + width - 1}", f"{y} to {y + height - 1}"
-        raise SettingsError(
-            f"pixel {column} {row} does not lie in the picture: columns are {columns}, rows are {rows}."
-        )
+        where = f"columns are {x} to {x + width - 1}, rows are {y} to {y + height - 1}"
+        raise SettingsError(f"pixel {column} {row} does not lie in the picture: {where}.")
     if settings.samples != 1:
         raise SettingsError(f"samples is {settings.samples}; a tree of rays is that of one sample.")
     if settings.edges == "aware":
@@ -126,7 +96,6 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
 def _queue_of(
     scene: Scene, column: Float[Array, ""], row: Float[Array, ""], settings: ResolvedSettings, most: int
 ) -> tuple[Int[Array, ""], dict[str, Array]]:
-    """How many rays a pixel's tree has, and of each place of their queue the fields of its node, `most` at most."""
     camera, world = scene.camera, prepare_world(scene, settings)
     dtype, step = camera.viewpoint.dtype, pixel_step(camera, settings)
     place = jnp.stack([jnp.full(most // RAYS_A_PLACE, x, dtype) for x in (column, row)])

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Num
-from PIL import Image
+from PIL import Image as PillowImage
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images import Transfer
@@ -29,6 +29,8 @@ from raytrace_jax.tracer.settings import AOVS, RenderSettings
 from raytrace_jax.util.numerics import is_traced
 from raytrace_jax.util.session import free_memory
 
+Image = Float[Array, "3 height width"]
+
 
 class Film(eqx.Module):
     """A rendered picture and its arbitrary output variables; components first, then rows from the top, then columns.
@@ -43,7 +45,7 @@ class Film(eqx.Module):
             be positive only of a renderer within a transformation of JAX.
     """
 
-    image: Float[Array, "3 height width"]
+    image: Image
     aov: dict[str, Num[Array, "..."]]
     overflow: Int[Array, ""]
 
@@ -68,21 +70,19 @@ class Film(eqx.Module):
             PictureError: the name ends in none of them, a channel is not finite, or the file cannot be written.
         """
         suffix = Path(path).suffix.lower()
-        if suffix == ".png":
-            write_png(path, np.asarray(self.image), transfer=transfer)
-        elif suffix == ".ppm":
-            write_ppm(path, np.asarray(self.image), transfer=transfer)
+        if suffix in (".png", ".ppm"):
+            write = write_png if suffix == ".png" else write_ppm
+            write(path, np.asarray(self.image), transfer=transfer)
         elif suffix == ".exr":
             write_exr(path, self.channels(), half=half)
         else:
             raise PictureError(f"{path}: a film's file ends in .exr, .png or .ppm, not in {suffix or 'none'!r}.")
 
-    def show(self) -> Image.Image:
+    def show(self) -> PillowImage.Image:
         """The picture in sRGB for a screen, as a Pillow image: a notebook draws it, `film.show().show()` opens it."""
-        return Image.fromarray(np.ascontiguousarray(np.moveaxis(encode_srgb(np.asarray(self.image)), 0, -1)))
+        return PillowImage.fromarray(np.ascontiguousarray(np.moveaxis(encode_srgb(np.asarray(self.image)), 0, -1)))
 
     def _repr_png_(self) -> bytes | None:
-        """The film as a notebook shows it; nothing of one that is traced."""
         if is_traced(self.image) or np.ndim(self.image) != 3:
             return None
         with io.BytesIO() as file:
@@ -91,14 +91,9 @@ class Film(eqx.Module):
 
 
 def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int = 0) -> None:
-    """Refuse a picture for which there is no memory.
-
-    Raises:
-        PictureError: says how much memory is needed and free, and what to do.
-        SettingsError: a crop outside of the picture.
-    """
+    """Raise PictureError where there is no memory for a picture, and SettingsError of a crop outside of it."""
     _, _, width, height = settings.window(scene.camera.pixeldim)
-    # To ask how much memory there is takes some fifty microseconds: smaller pictures fit anywhere.
+    # Smaller pictures fit anywhere, and to ask how much memory there is takes some fifty microseconds.
     if width * height < 4_000_000:
         return
     channels = 3 * (1 + derivatives) + sum(len(AOVS[name].channels) for name in settings.aov)
@@ -143,26 +138,21 @@ def render(scene: Scene, settings: RenderSettings | None = None) -> Film:
 
 
 def render_radiance(scene: Scene, settings: ResolvedSettings, room: Capacity | None = None) -> Film:
-    """The picture of a scene before the camera's response, by settings that say `edges`; the scene was checked.
-
-    Args:
-        room: as for `in_batches`: within a transformation of JAX the scene is traced, and rays may find no room.
-    """
+    """The picture of a scene before the camera's response, by settings that say `edges`; the scene was checked."""
     numpy: Any = np if room is None else jnp
     _, _, width, height = settings.window(scene.camera.pixeldim)
     scenes = map_scenes(lambda x: numpy.asarray(x)[None], dataclasses.replace(scene, film=None))
     pixels = picture_pixels(scene, settings, numpy)
-    step = pixels.step if settings.edges == "aware" else None
-
     found: dict[str, Any] = {}
     overflow: Any = 0
     if settings.samples == 1 or settings.aov:
         # The variables are those of the pixels' own points: their means would mean nothing.
-        found, overflow = pixel_outputs(scenes, pixels.points, settings, step, room)
+        found, overflow = pixel_outputs(scenes, pixels, settings, room)
     if settings.samples > 1:
 
         def colors(points):
-            found, overflow = pixel_outputs(scenes, points, dataclasses.replace(settings, aov=()), step, room)
+            without = dataclasses.replace(settings, aov=())
+            found, overflow = pixel_outputs(scenes, pixels._replace(points=points), without, room)
             return [found["color"]], overflow
 
         [found["color"]], more = mean_of_samples(pixels, settings.samples, colors)
@@ -175,7 +165,6 @@ def render_radiance(scene: Scene, settings: ResolvedSettings, room: Capacity | N
 
 
 def render_concrete(scene: Scene, settings: ResolvedSettings) -> Film:
-    """The film of a scene that was checked, by settings that say `edges`."""
     radiance = render_radiance(scene, settings)
     if scene.film is None:
         return radiance

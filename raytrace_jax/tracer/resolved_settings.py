@@ -18,8 +18,7 @@ SUBDIVISIONS = 2
 Once less makes small pictures twice as wrong. Once more makes one scene of two half as wrong, for a third more rays
 (experiments/tuning)."""
 
-OF_MODEL: Any = None
-"""The default of a setting that `MODEL_RULES` fills."""
+OF_MODEL: Any = None  # The default of a setting that `MODEL_RULES` fills.
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,9 +27,6 @@ class ResolvedSettings(RenderSettings):
 
     `size` and `crop` are None where the picture is the camera's whole one. `edges` is None where the picture is that of
     points and its derivative that of areas. The defaults are the course's final image with Schlick's approximation.
-
-    Raises:
-        SettingsError: as `RenderSettings`.
     """
 
     samples: Annotated[int, Wanted(least=1, most=words.MAX_SAMPLES)] = 1
@@ -50,17 +46,14 @@ class ResolvedSettings(RenderSettings):
 
     @property
     def rules(self) -> ModelRules:
-        """The model's rules of paths."""
         return MODEL_RULES[self.model]
 
     @property
     def has_path_limit(self) -> bool:
-        """Whether paths end at some length."""
         return math.isfinite(self.path_limit)
 
     @property
     def has_throughput(self) -> bool:
-        """Whether rays know how much they count in their pixels."""
         return self.edges == "aware" or self.least_weight > 0
 
     @property
@@ -93,8 +86,7 @@ class ResolvedSettings(RenderSettings):
     def window(self, pixeldim: tuple[int, int]) -> tuple[int, int, int, int]:
         """(x, y, width, height) of the rendered window in the whole picture.
 
-        Raises:
-            SettingsError: the crop reaches outside of the picture or is empty.
+        Raises SettingsError where the crop reaches outside of the picture or is empty.
         """
         width, height = (max(1, pixels // self.binning) for pixels in self.picture_size(pixeldim))
         if self.crop is None:
@@ -107,13 +99,12 @@ class ResolvedSettings(RenderSettings):
         return self.crop
 
     def frame(self, pixeldim: tuple[int, int]) -> Frame:
-        """The rendered part of the whole picture. Raises SettingsError as `window`."""
         left, top, _, _ = self.window(pixeldim)
         return Frame(left, top, self.binning, *self.picture_size(pixeldim))
 
 
+# The settings that a scene's file may say.
 FILE_SETTINGS = tuple(field.name for field in dataclasses.fields(FileSettings) if field.name != "name")
-"""The settings that a scene's file may say."""
 
 
 def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> ResolvedSettings:
@@ -125,8 +116,7 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
         asked: what is asked for; None is nothing. Settings that are resolved already stay as they are.
 
     Raises:
-        SceneError: what is given is no scene.
-        SettingsError: as `RenderSettings`; or what is asked for are no settings.
+        SceneError, SettingsError: what is given is no scene, or no settings.
 
     Warns:
         SceneWarning: the scene was loaded as another model, whose defaults it has.

@@ -15,7 +15,6 @@ import numpy as np
 from jax.sharding import PartitionSpec
 from jaxtyping import Array, Float, Int
 
-from raytrace_jax.tracer.levels.compaction import in_blocks
 from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
@@ -41,9 +40,11 @@ class Capacity(NamedTuple):
     pixels: int
 
     def lacks(self, needed: "Capacity") -> bool:
-        """Whether it is too small where another one is needed."""
         return self.rays < needed.rays or self.pixels > needed.pixels
 
+
+Room = Capacity | None
+"""The sizes within a transformation of JAX; None outside of one."""
 
 NEEDS: dict[Hashable, float] = {}
 """Rays that a pixel was last seen to want, its own included, by `scene_key`."""
@@ -65,24 +66,17 @@ def capacity_for(need: float, settings: ResolvedSettings) -> Capacity:
     # Not all of the room: other batches of these pixels may want a little more.
     filled = 0.95
     if need > filled * rays:
-        return Capacity(64 * in_blocks(need / filled / 64), 1)
+        return Capacity(4096 * math.ceil(need / filled / 4096), 1)
     return Capacity(rays, min(rays // RAYS_A_PLACE, int(filled * rays / need)))
 
 
 class Batches(NamedTuple):
-    """Batches in the slots of all devices, shared out evenly; empty slots hold the first batch and are not traced.
+    """Batches in the slots of all devices, shared out evenly; empty slots hold the first batch and are not traced."""
 
-    Args:
-        picture: which picture a slot's batch is of.
-        points: where its pixels look; places beyond the batch's pixels do not count.
-        counts: how many batches each device has, in its first slots, and how many pixels each batch.
-        steps: how far it is from one pixel to the next, once for each device; zero for points, which have no size.
-    """
-
-    picture: Int[np.ndarray, " slots"]
-    points: Float[Array, "slots 2 places"] | Float[np.ndarray, "slots 2 places"]
-    counts: Int[np.ndarray, "devices 2"]
-    steps: Float[np.ndarray, "devices 2"]
+    picture: Int[np.ndarray, " slots"]  # Which picture a slot's batch is of.
+    points: Float[Array, "slots 2 places"] | Float[np.ndarray, "slots 2 places"]  # Where its pixels look.
+    counts: Int[np.ndarray, "devices 2"]  # Batches of each device, in its first slots, and pixels of each batch.
+    steps: Float[np.ndarray, "devices 2"]  # How far it is from one pixel to the next, once for each device.
 
 
 def cut(points: int, most: int) -> tuple[int, int]:
@@ -98,20 +92,28 @@ def cut(points: int, most: int) -> tuple[int, int]:
     return batches, -(-points // batches)
 
 
-def together(rows: AnyArray, points: int) -> AnyArray:
-    """What was found for points that were `cut`, "batches ... size", in their order: "... points"."""
-    spread = rows.transpose((*range(1, rows.ndim), 0))
+def members(batch: AnyArray, size: int, points: int, batches: int) -> AnyArray:
+    """The numbers of the points in some batches; the last point fills those that have one less."""
+    numpy: Any = np if isinstance(batch, np.ndarray) else jnp
+    return numpy.minimum(numpy.arange(size, dtype=np.int32) * batches + batch[:, None], points - 1)
+
+
+def together(found: AnyArray, points: int) -> AnyArray:
+    """What was found for points that were `cut`, "pictures batches ... size", in their order: "pictures ... points"."""
+    spread = found.transpose((0, *range(2, found.ndim), 1))
     return spread.reshape((*spread.shape[:-2], -1))[..., :points]
 
 
-def fill_slots(
-    number: Int[np.ndarray, " batches"], points: Points, step: Float[np.ndarray, "2"] | None, room: Capacity
-) -> Batches:
-    """Batches of some pictures in their slots, with places for a quarter as many pixels as rays find room.
+def slots_of(batches: int) -> Int[np.ndarray, " batches"]:
+    """The slot of each of some batches: they go to the devices in turn, each of which has `BATCHES` slots."""
+    number, devices = np.arange(batches), jax.device_count()
+    return number % devices * BATCHES + number // devices
 
-    Args:
-        number: the batches' numbers, counted through all pictures.
-    """
+
+def fill_slots(
+    number: Int[np.ndarray, " batches"], points: Points, step: Float[np.ndarray, "2"], room: Capacity
+) -> Batches:
+    """Batches of some pictures in their slots; `number` counts batches through all pictures."""
     devices, (batches, size) = jax.device_count(), cut(points.shape[1], room.pixels)
     slots, own = BATCHES * devices, slots_of(len(number))
     places = np.zeros((slots, 2, room.rays // RAYS_A_PLACE), points.dtype)
@@ -121,54 +123,42 @@ def fill_slots(
     picture[own] = number // batches
     each = (len(number) + devices - 1 - np.arange(devices)) // devices
     counts = np.stack([each, np.full(devices, size)], axis=1).astype(np.int32)
-    steps = np.tile(np.zeros(2) if step is None else step, (devices, 1)).astype(points.dtype)
+    steps = np.tile(step, (devices, 1)).astype(points.dtype)
     return Batches(picture, places, counts, steps)
-
-
-def members(batch: AnyArray, size: int, points: int, batches: int) -> AnyArray:
-    """The numbers of the points in some batches; the last point fills those that have one less."""
-    numpy: Any = np if isinstance(batch, np.ndarray) else jnp
-    return numpy.minimum(numpy.arange(size, dtype=np.int32) * batches + batch[:, None], points - 1)
-
-
-def slots_of(batches: int) -> Int[np.ndarray, " batches"]:
-    """The slot of each of some batches: they go to the devices in turn, each of which has `BATCHES` slots."""
-    number, devices = np.arange(batches), jax.device_count()
-    return number % devices * BATCHES + number // devices
 
 
 def sample_batch(key: Hashable, settings: ResolvedSettings, dtype: np.dtype) -> Batches:
     """A batch of one pixel, as an argument to compile a program with."""
     room = capacity_for(known_need(key, settings), settings)
-    return fill_slots(np.zeros(1, int), np.zeros((2, 1), dtype), None, room)
+    return fill_slots(np.zeros(1, int), np.zeros((2, 1), dtype), np.zeros(2), room)
 
 
-def all_batches(points: Points, step: Float[np.ndarray, "2"] | None, room: Capacity) -> Batches:
+def all_batches(points: Points, step: Float[np.ndarray, "2"], room: Capacity) -> Batches:
     """All batches of one picture in a slot each, on one device, within a transformation of JAX.
 
-    On several devices the parts would have to be gathered, and a sum of derivatives taken over them. On CPUs such a
-    program may wait for itself for ever (XLA of JAX 0.10: the all-reduces of two devices that begin in another order).
+    On several CPUs derivatives would be summed, and the program may wait for itself for ever (XLA of JAX 0.10: the
+    all-reduces of two devices that begin in another order).
     """
     batches, size = cut(points.shape[1], room.pixels)
     own = points[:, members(jnp.arange(batches, dtype=jnp.int32), size, points.shape[1], batches)]
     places = jnp.pad(jnp.moveaxis(own, 0, 1), ((0, 0), (0, 0), (0, room.rays // RAYS_A_PLACE - size)))
-    steps = (np.zeros(2) if step is None else step).astype(points.dtype)[None]
-    return Batches(np.zeros(batches, int), places, np.array([[batches, size]], np.int32), steps)
+    counts = np.array([[batches, size]], np.int32)
+    return Batches(np.zeros(batches, int), places, counts, step.astype(points.dtype)[None])
 
 
 def in_batches(
     pictures: int,
     points: Points,
-    step: Float[np.ndarray, "2"] | None,
+    step: Float[np.ndarray, "2"],
     key: Hashable,
     settings: ResolvedSettings,
     program: Callable[[Batches], tuple[tuple[Array, ...], Array]],
-    room: Capacity | None = None,
+    room: Room = None,
 ) -> tuple[list[Any], Any]:
     """Trace `points` in each of `pictures` scenes (both at least 1).
 
     Args:
-        step: how far it is from one pixel to the next; None of points.
+        step: how far it is from one pixel to the next; of no matter to points.
         program: traces batches. Returns arrays with the slots as their first axis and the places of a batch as their
             last, and how many rays each batch wanted.
         room: the sizes of a batch, within a transformation of JAX: one picture in one call, with traced `points`.
@@ -180,45 +170,40 @@ def in_batches(
     total, devices = points.shape[1], jax.device_count()
     if room is not None:
         arrays, wanted = program(all_batches(points, step, room))
-        found = [together(all_[..., : cut(total, room.pixels)[1]], total)[None] for all_ in arrays]
-        return found, jnp.maximum(jnp.max(wanted) - room.rays, 0)
+        size = cut(total, room.pixels)[1]
+        return [together(x[None, ..., :size], total) for x in arrays], jnp.maximum(jnp.max(wanted) - room.rays, 0)
 
     need, seen = known_need(key, settings), 0.0
-    found, done = list[np.ndarray](), 0
-    while done < pictures:
+    while True:
         room = capacity_for(need, settings)
         if pictures == 1 and total * need > room.rays / 8:
             # Enough for all devices.
             room = room._replace(pixels=min(room.pixels, -(-total // devices)))
         batches, size = cut(total, room.pixels)
-        begin, end, parts = done, pictures, list[list[np.ndarray]]()
-        for first in range(begin * batches, end * batches, BATCHES * devices):
-            number = np.arange(first, min(first + BATCHES * devices, end * batches))
+        parts = list[list[np.ndarray]]()
+        for first in range(0, pictures * batches, BATCHES * devices):
+            number = np.arange(first, min(first + BATCHES * devices, pictures * batches))
             arrays, wanted = program(fill_slots(number, points, step, room))
-            most = int(np.max(wanted))
-            seen = max(seen, most / size)
-            if most > room.rays:
-                # Pictures that are whole stay as they are; the others are traced again.
-                need, end = seen, first // batches
+            seen = max(seen, int(np.max(wanted)) / size)
+            if np.max(wanted) > room.rays:
                 break
-            parts.append([np.asarray(all_)[slots_of(len(number)), ..., :size] for all_ in arrays])
-        for k, all_ in enumerate(zip(*parts, strict=True)):
-            rows = np.concatenate(all_)[: (end - begin) * batches]
-            rows = rows.reshape(end - begin, batches, *rows.shape[1:])
-            if len(found) <= k:
-                found.append(np.empty((pictures, *rows.shape[2:-1], total), rows.dtype))
-            for picture, own in enumerate(rows, start=begin):
-                found[k][picture] = together(own, total)
-        done = end
+            parts.append([np.asarray(x)[slots_of(len(number)), ..., :size] for x in arrays])
+        else:
+            break
+        need = seen
     NEEDS[key] = seen
-    return found, 0
+    found = [np.concatenate(x) for x in zip(*parts, strict=True)]
+    return [together(x.reshape(pictures, batches, *x.shape[1:]), total) for x in found], 0
 
 
 def map_batches(function, common, each, batches: Batches, reversible: bool):
     """`function(common, one, points, pixels, step)` of each batch, stacked; slots that are empty stay zero.
 
+    Batches are shared out evenly over all devices, but for reverse mode.
+
     Args:
-        function: of what it is given and of nothing else that is traced, as for `share_out`.
+        function: of what it is given and of nothing else that is traced: a value from an earlier program lies on the
+            same devices, and JAX refuses such a one where it is closed over.
         reversible: whether reverse mode can go through it. It computes each batch anew, in the memory of one, on one
             device.
     """
@@ -238,20 +223,12 @@ def map_batches(function, common, each, batches: Batches, reversible: bool):
         return jax.lax.fori_loop(0, count, put, nothing)
 
     given = common, each, batches.points, batches.counts, batches.steps
-    return own_share(*given) if reversible else share_out(own_share, *given)
-
-
-def share_out(function, common, *arrays):
-    """`function(common, *arrays)` with the arrays' first axes shared out evenly over all devices, each with its share.
-
-    Args:
-        function: of what it is given and of nothing else that is traced: a value from an earlier program lies on the
-            same devices, and JAX refuses such a one where it is closed over.
-    """
-    if jax.device_count() == 1:
-        return function(common, *arrays)
+    if reversible or jax.device_count() == 1:
+        return own_share(*given)
     mesh = jax.make_mesh((jax.device_count(),), ("batches",), axis_types=(jax.sharding.AxisType.Auto,))
     share = PartitionSpec("batches")
-    specs = PartitionSpec(), *(share for _ in arrays)
     # Unchecked, so that loops within (many shapes, many samples) may start from constants, which do not vary by device.
-    return jax.shard_map(function, mesh=mesh, in_specs=specs, out_specs=share, check_vma=False)(common, *arrays)
+    sharded = jax.shard_map(
+        own_share, mesh=mesh, in_specs=(PartitionSpec(), *[share] * 4), out_specs=share, check_vma=False
+    )
+    return sharded(*given)

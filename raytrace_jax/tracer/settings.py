@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from raytrace_jax.errors import SettingsError
 from raytrace_jax.scene import setting_words as words
+from raytrace_jax.scene.setting_words import MAX_PICTURE_SIDE as MAX_SIDE
 from raytrace_jax.util.checked import Checked, Wanted
 
 AovName = Literal["depth", "normal", "position", "shape_index", "bounce_count"]
@@ -34,46 +35,24 @@ Precision = Literal[32, 64]
 
 
 class ModelRules(NamedTuple):
-    """A model's own values of settings that are left out, and its other rules of paths.
-
-    Args:
-        only: the settings that this model has no choice of, with the one value that they have.
-    """
+    """A model's own values of settings that are left out, and its other rules of paths."""
 
     max_bounces: int
     path_limit: float
     planes_end_at_image_plane: bool
     mapping: words.PixelConvention
     least_weight: float
-    only: dict[str, object]
+    only: dict[str, object]  # The settings that this model has no choice of, with the one value that they have.
 
+
+_AS_REAL: dict[str, object] = {"reflectance": "schlick", "eta": "course", "total_internal_reflection": True}
 
 MODEL_RULES: dict[words.ModelName, ModelRules] = {
     # Course model, 1.2: the length of paths, and where planes end.
     "classic": ModelRules(5, 100.0, True, "corner", 0.0, {"least_weight": 0.0}),
-    "additive": ModelRules(
-        2,
-        math.inf,
-        True,
-        "corner",
-        0.0,
-        {"least_weight": 0.0, "reflectance": "schlick", "eta": "course", "total_internal_reflection": True},
-    ),
+    "additive": ModelRules(2, math.inf, True, "corner", 0.0, {"least_weight": 0.0, **_AS_REAL}),
     # A ball's inner reflections weigh 0.04 to the power of their number: 1e-4 would show in every pixel.
-    "physical": ModelRules(
-        12,
-        math.inf,
-        False,
-        "center",
-        1e-6,
-        {
-            "reflectance": "schlick",
-            "eta": "course",
-            "total_internal_reflection": True,
-            "second_root": True,
-            "reflection": True,
-        },
-    ),
+    "physical": ModelRules(12, math.inf, False, "center", 1e-6, {**_AS_REAL, "second_root": True, "reflection": True}),
 }
 """The models' rules; `levels.level.MODELS` has what they do with radiance."""
 
@@ -90,9 +69,7 @@ class RenderSettings(Checked):
 
     size: Annotated[
         tuple[int, int] | None,
-        Wanted(
-            f"(width, height), each 1 to {words.MAX_PICTURE_SIDE} pixels", "W H", least=1, most=words.MAX_PICTURE_SIDE
-        ),
+        Wanted(f"(width, height), each 1 to {MAX_SIDE} pixels", "W H", least=1, most=MAX_SIDE),
     ] = None
     """Width and height of the picture in pixels; without it the camera's pixeldim."""
     crop: Annotated[

@@ -12,7 +12,7 @@ from raytrace_jax.scene.scene import Background, ChannelMaterials, PointLights, 
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.geometry.intersection import Clusters, make_clusters
-from raytrace_jax.tracer.geometry.rays import Number
+from raytrace_jax.tracer.geometry.rays import Number, Scalars
 from raytrace_jax.tracer.geometry.shape_types import repeated, scene_shapes, shape_materials
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -21,30 +21,21 @@ from raytrace_jax.tracer.shading.textures import Textures, prepare_pyramids, pre
 
 
 class World(eqx.Module):
-    """A scene as rays meet it: shapes and their materials in the order of the file, and the lights.
-
-    Args:
-        materials: of each shape the properties that the model uses, one of `MATERIALS`.
-        clusters: bounds around neighbouring shapes, where there are many; none of a scene whose edges matter.
-        unit: the length that small distances are measured in: one in a scene as large as the course's, and so much
-            more or less in others that a scene is traced alike in metres and in millimetres. Without derivative.
-        textures: what lies on shapes and around them; None where there is nothing, or the model knows of none.
-        channel_ior: each shape's index for each channel, in the place of that of its material; None where all channels
-            have one.
-    """
+    """A scene as rays meet it: shapes and their materials in the order of the file, and the lights."""
 
     shapes: Shapes
-    clusters: list[Clusters]
-    materials: Any
+    clusters: list[Clusters]  # Around neighbours, where shapes are many; none of a scene whose edges matter.
+    materials: Any  # Of each shape the properties that the model uses, one of `MATERIALS`.
     lights: PointLights
+    # What small distances are measured in, without derivative: 1 in a scene as large as the course's, so that a scene
+    # is traced alike in metres and in millimetres.
     unit: Number
-    textures: Textures | None
+    textures: Textures | None  # None where there are none, or the model knows of none.
     background: Background | None
-    channel_ior: Float[Array, "3 shapes"] | None
+    channel_ior: Float[Array, "3 shapes"] | None  # In the place of the material's; None where all channels have one.
 
 
 def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyramid, ...] | None = None) -> World:
-    """Lay a scene out for tracing."""
     shapes = scene_shapes(scene)
     # A footprint also meets what its centre misses: bounds around shapes do not tell.
     clusters = make_clusters(jax.lax.stop_gradient(shapes)) if settings.edges != "aware" else []
@@ -54,10 +45,11 @@ def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyra
         shapes = eqx.tree_at(lambda s: s.hidden, shapes, hidden, is_leaf=lambda leaf: leaf is None)
     if pyramids is None:
         pyramids = prepare_pyramids(scene, settings.edges) if has_more else ()
+    columns, fields = jnp.asarray(shape_materials(scene), jnp.int32), MATERIALS[settings.model]._fields
     return World(
         shapes,
         clusters,
-        prepare_materials(scene, settings.model),
+        MATERIALS[settings.model](*(material_property(scene, name)[..., columns] for name in fields)),
         scene.lights,
         world_length(scene) / 10,
         prepare_textures(scene, pyramids) if has_more else None,
@@ -66,8 +58,7 @@ def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyra
     )
 
 
-LINE_CHANNEL = 1
-"""The channel, green, whose index stands for a material with three where one index serves all channels."""
+LINE_CHANNEL = 1  # Green: its index stands for a material with three where one index serves all channels.
 
 
 def _struct(model: ModelName) -> type[Any]:
@@ -87,13 +78,6 @@ MATERIALS: dict[ModelName, type[Any]] = {
 """For each model the properties that it uses, as in `scene.Materials`: what the table of blocks has for it."""
 
 
-def prepare_materials(scene: Scene, model: ModelName) -> Any:
-    """The material of every shape, in the order of the file, as the model's struct."""
-    columns = jnp.asarray(shape_materials(scene), jnp.int32)
-    struct = MATERIALS[model]
-    return struct(*(material_property(scene, name)[..., columns] for name in struct._fields))
-
-
 def material_property(scene: Scene, name: str) -> Float[Array, "*components materials"]:
     """A property of all materials, type by type, as columns count them; of three indices `LINE_CHANNEL`."""
     groups = [getattr(scene, row.group) for row in BLOCK_TYPES["material"]]
@@ -104,20 +88,14 @@ def material_property(scene: Scene, name: str) -> Float[Array, "*components mate
     return found[0] if len(found) == 1 else jnp.concatenate(found, axis=-1)
 
 
-def cauchy_index(
-    n_d: Float[Array, " *materials"], abbe: Float[Array, " *materials"], wavelength: float
-) -> Float[Array, " *materials"]:
+def cauchy_index(n_d: Scalars, abbe: Scalars, wavelength: float) -> Scalars:
     """The index of refraction by Cauchy's equation, `n(lambda) = A + B / lambda^2`.
 
     The index n_d at the helium line d and Abbe's number `V = (n_d - 1) / (n_F - n_C)` give both constants:
 
         n(lambda) = n_d + B (1 / lambda^2 - 1 / lambda_d^2),    B = (n_d - 1) / (V (1 / lambda_F^2 - 1 / lambda_C^2)).
 
-    (Cauchy 1836; Born and Wolf, "Principles of Optics", 2.3.4.)
-
-    Args:
-        n_d, abbe: without a unit.
-        wavelength: in nanometres.
+    The wavelength is in nanometres. (Cauchy 1836; Born and Wolf, "Principles of Optics", 2.3.4.)
     """
     line_d, line_f, line_c = 587.56, 486.13, 656.27  # Fraunhofer's lines in nanometres.
     b = (n_d - 1) / (abbe * (line_f**-2 - line_c**-2))

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import resolved
+from scenes import camera_rays, resolved
 
 from raytrace_jax import (
     ModelFileError,
@@ -18,7 +18,7 @@ from raytrace_jax import (
     set_parameters,
 )
 from raytrace_jax.scene.lens import undistorted_factor
-from raytrace_jax.tracer.geometry.camera import camera_rays, ray
+from raytrace_jax.tracer.geometry.camera import ray
 
 rays_of = jax.jit(camera_rays, static_argnames="settings")
 WIDTH, HEIGHT = 64, 48

@@ -154,10 +154,8 @@ def test_point_derivatives_of_what_moves_no_edge_seen_directly():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["lamp.location.x", "ball.center.x", "ball.radius"])
 def test_derivatives_see_shadow_edges(name):
-    scene, how = (
-        rj.parse_scene(BALL, model="additive"),
-        rj.RenderSettings(model="additive", edges="aware", max_bounces=1),
-    )
+    scene = rj.parse_scene(BALL, model="additive")
+    how = rj.RenderSettings(model="additive", edges="aware", max_bounces=1)
     found = rj.picture_derivatives(scene, [name], how).values[0]
     expected = finite_differences(scene, [name], how, 0.02, 16)[0]
     blind = rj.picture_derivatives(scene, [name], dataclasses.replace(how, edges="point")).values[0]

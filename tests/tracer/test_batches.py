@@ -1,15 +1,21 @@
-"""Points in batches: how few of their rays find room, and what is rendered beside them, changes no picture."""
+"""Points in batches, whose room changes no picture; how often JAX traces a level, and how large programs are."""
 
 from concurrent.futures import ThreadPoolExecutor
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from posing import posed_problem
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer import run
-from raytrace_jax.tracer.pixels import picture_pixels, pixel_colors
+from raytrace_jax.tracer.levels import level
+from raytrace_jax.tracer.pixels import differentiate_batches, picture_pixels, pixel_colors, prepare_derivatives
+from raytrace_jax.tracer.pure import pure_picture
+from raytrace_jax.tracer.run import Capacity
 
 SETTINGS = resolved(size=(24, 18), crop=(1, 0, 22, 18), max_bounces=2, edges="point")
 """Without the first and the last column, in which rounding decides which wall is seen."""
@@ -39,3 +45,46 @@ def test_a_picture_does_not_depend_on_what_was_rendered_before_or_is_beside_it(m
         again = list(threads.map(lambda scene: np.asarray(render(scene, SETTINGS).image), 4 * scenes))
     for number, image in enumerate(again):
         np.testing.assert_array_equal(image, first[number % 2])
+
+
+@pytest.mark.fast_cases(1)
+@pytest.mark.parametrize(("edges", "name"), [("point", "point_level"), ("aware", "area_level")])
+def test_a_level_is_traced_once_however_many_loops_and_derivatives_are_around_it(edges, name, monkeypatch):
+    calls, usual = [], getattr(level, name)
+
+    def counted(*arguments):
+        calls.append(name)
+        return usual(*arguments)
+
+    monkeypatch.setattr(level, name, counted)
+    how = resolved(size=(26, 14), max_bounces=2, edges=edges, samples=2)
+    scene = assignment_scene()  # Kept by the tests: it must not be made while JAX traces.
+
+    def image(ior):
+        return pure_picture(set_parameters(scene, {"vitreous.ior": ior}), how, Capacity(1024, 182)).image
+
+    def derivative(direction):
+        return jax.jvp(image, (jnp.asarray(1.4),), (direction,))
+
+    jax.make_jaxpr(jax.vmap(derivative))(jnp.eye(2)[0])
+    assert len(calls) == 1
+    jax.make_jaxpr(jax.grad(lambda ior: image(ior).sum()))(jnp.asarray(1.4))
+    assert len(calls) == 1
+
+
+@pytest.mark.fast_cases(1)
+@pytest.mark.parametrize(("edges", "most"), [("point", 5_000), ("aware", 16_500)])
+def test_the_largest_program_of_a_fit_is_no_larger(edges, most, monkeypatch):
+    """4,600 and 15,200 lines of StableHLO today. Who needs more should see what a first fit takes then."""
+    programs = []
+
+    def lower(*arguments):
+        program = jax.jit(differentiate_batches.function, static_argnums=(3, 4)).lower(*arguments)
+        programs.append(program.as_text().count("\n"))
+
+    monkeypatch.setattr(differentiate_batches, "prepare", lower)
+    how, free = resolved(size=(16, 12), edges=edges), ["vitreous.ior", "vitreous.center"]
+    target = np.random.default_rng(0).random((3, 12, 16))
+    problem = posed_problem(assignment_scene(), target, free, how)
+    prepare_derivatives(problem.start(), problem.scene, problem.unknowns, how)
+    assert most / 2 < programs[0] < most

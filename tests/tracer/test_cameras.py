@@ -4,11 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import resolved
+from scenes import camera_rays, resolved
 
 from raytrace_jax import RenderSettings, fit, parse_scene, picture_derivatives, render
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.geometry.camera import camera_rays
 
 rays_of = jax.jit(camera_rays, static_argnames="settings")
 WORLD = (
@@ -37,13 +36,8 @@ def test_footprints_are_differences_of_neighbouring_rays():
 @pytest.mark.slow
 def test_the_derivative_of_a_picture_by_the_camera_is_that_of_supersampled_pictures():
     scene = parse_scene(perspective("0.5 0.3 5", "0.1 0 0", fov=35) + WORLD)
-    steps = {
-        "eye.fov": 0.5,
-        "eye.lookat.x": 0.02,
-        "eye.viewpoint.y": 0.03,
-        "eye.center.x": 0.2,
-        "eye.distortion.k1": 0.1,
-    }
+    steps = {"eye.fov": 0.5, "eye.lookat.x": 0.02, "eye.viewpoint.y": 0.03, "eye.center.x": 0.2}
+    steps["eye.distortion.k1"] = 0.1
     names, aware = tuple(steps), resolved(edges="aware", max_bounces=0)
     found = picture_derivatives(scene, names, aware)
     for k, (name, step) in enumerate(steps.items()):

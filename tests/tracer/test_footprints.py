@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import assignment_scene, resolved
+from scenes import assignment_scene, camera_rays, resolved
 
 from raytrace_jax import RenderSettings, make_renderer, optics, parse_scene, set_parameters
 from raytrace_jax.scene.scene import least_distance
-from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import take
 from raytrace_jax.tracer.shading.quadrature import mean, positive_fractions

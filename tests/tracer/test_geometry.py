@@ -15,7 +15,7 @@ from raytrace_jax.scene.scene import least_distance
 from raytrace_jax.tracer.geometry import intersection, shape_types
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take, unpacked
 from raytrace_jax.tracer.geometry.shape_types import scene_shapes as shapes_of
-from raytrace_jax.tracer.levels.compaction import pack_rays
+from raytrace_jax.tracer.levels.integrator import pack_rays, running_count
 from raytrace_jax.tracer.levels.level import point_level
 from raytrace_jax.tracer.world import prepare_world
 
@@ -43,8 +43,8 @@ def nearest(shapes, rays):
 def children_of(scene, rays):
     """The rays that all hits of `rays` send on."""
     level = point_level(prepare_world(scene, SETTINGS), rays, jnp.ones(COUNT, bool), SETTINGS)
-    rays, packing = pack_rays(level.children, jnp.ones(COUNT, jnp.int32))
-    return unpacked(rays), jnp.arange(packing.candidate.size, dtype=jnp.int32) < packing.count
+    rays, slot, count = pack_rays(level.children, jnp.ones(COUNT, jnp.int32))
+    return unpacked(rays), jnp.arange(slot.size, dtype=jnp.int32) < count
 
 
 def free_rays(o, d, dtype=jnp.float64):
@@ -215,3 +215,24 @@ def test_where_nothing_is_hit_normals_and_distances_stay_small():
     assert not hits.valid.any()
     np.testing.assert_array_equal(hits.t, 1)
     assert np.all(np.linalg.norm(hits.n, axis=0) <= 1 + 1e-14)
+
+
+def test_running_count_is_exact_for_a_large_batch():
+    wanted = np.random.default_rng(0).random(1 << 18) < 0.9
+    np.testing.assert_array_equal(jax.jit(running_count)(jnp.asarray(wanted)), np.cumsum(wanted))
+
+
+@pytest.mark.parametrize(("count", "share"), [(3, 0.5), (64, 0), (100, 1), (150, 0.3)])
+def test_wanted_rays_are_packed_in_order(count, share):
+    wanted, rays = np.random.default_rng(0).random((2, count)) < share, free_rays(np.zeros((3, count)), [0, 0, -1])
+    lengths = np.arange(2.0 * count).reshape(2, count)
+    kinds = [
+        (jnp.asarray(some), eqx.tree_at(lambda r: r.path_length, rays, x))
+        for some, x in zip(wanted, lengths, strict=True)
+    ]
+    packed, slot, total = jax.jit(pack_rays)(kinds, jnp.ones(count, jnp.int32))
+    total = int(total)
+    assert total == wanted.sum()
+    np.testing.assert_array_equal(unpacked(packed).path_length[:total], lengths[wanted])
+    np.testing.assert_array_equal(np.asarray(slot)[wanted], np.arange(total))
+    np.testing.assert_array_equal(np.asarray(slot)[~wanted], 2 * count)

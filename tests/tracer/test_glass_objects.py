@@ -8,42 +8,32 @@ import numpy as np
 import pytest
 
 import raytrace_jax as rj
+from raytrace_jax import build
 
 SIZE = (96, 72)
 AS_PHYSICAL = rj.RenderSettings(model="physical", size=SIZE)
 FINISH = "finish { ambient 0 diffuse 0 reflection { 0, 1 fresnel on } conserve_energy }"
 GLASS = f"pigment {{ rgbt 1 }} {FINISH} interior {{ ior %s }}"
 
-CHECKER = {
-    "kind": "checker",
-    "color1": (0.1, 0.2, 0.3),
-    "color2": (0.9, 0.7, 0.5),
-    "square": 0.5,
-    "offset": (0.13, 0.07),
-}
+CHECKER = {"kind": "checker", "color1": (0.1, 0.2, 0.3), "color2": (0.9, 0.7, 0.5), "square": 0.5}
+CHECKER |= {"offset": (0.13, 0.07)}
 ROWS, COLUMNS = np.mgrid[:64, :64] / 63
-SMOOTH = {
-    "kind": "image",
-    "file": np.stack([ROWS, COLUMNS, 0.5 + 0.4 * np.sin(3 * ROWS + 2 * COLUMNS)]).astype(np.float16),
-}
+WAVES = np.stack([ROWS, COLUMNS, 0.5 + 0.4 * np.sin(3 * ROWS + 2 * COLUMNS)])
+SMOOTH = {"kind": "image", "file": WAVES.astype(np.float16)}
 
 
 def scene(eye, lookat, *shapes, texture=CHECKER):
     """Shapes before one board and above another."""
-    return rj.build.make_scene(
-        rj.build.camera("eye", pixeldim=SIZE, viewpoint=eye, lookat=lookat, fov=50.0),
-        rj.build.background("sky", radiance=(0.3, 0.4, 0.5)),
-        rj.build.texture("pattern", **texture),
-        rj.build.material("board", emission=(1.0, 1.0, 1.0), texture="pattern"),
-        rj.build.material("glass", transmission=1.0, ior=1.5),
-        rj.build.material("water", transmission=1.0, ior=1.33),
-        rj.build.material("air", transmission=1.0, ior=1.0),
-        rj.build.rectangle(
-            "back", material="board", center=(0.0, 0.0, -3.0), right=(4.0, 0.0, 0.0), up=(0.0, 4.0, 0.0)
-        ),
-        rj.build.rectangle(
-            "low", material="board", center=(0.0, -2.0, 0.0), right=(4.0, 0.0, 0.0), up=(0.0, 0.0, -4.0)
-        ),
+    return build.make_scene(
+        build.camera("eye", pixeldim=SIZE, viewpoint=eye, lookat=lookat, fov=50.0),
+        build.background("sky", radiance=(0.3, 0.4, 0.5)),
+        build.texture("pattern", **texture),
+        build.material("board", emission=(1.0, 1.0, 1.0), texture="pattern"),
+        build.material("glass", transmission=1.0, ior=1.5),
+        build.material("water", transmission=1.0, ior=1.33),
+        build.material("air", transmission=1.0, ior=1.0),
+        build.rectangle("back", material="board", center=(0, 0, -3.0), right=(4.0, 0, 0), up=(0, 4.0, 0)),
+        build.rectangle("low", material="board", center=(0, -2.0, 0), right=(4.0, 0, 0), up=(0, 0, -4.0)),
         *shapes,
         model="physical",
         dtype=np.float64,
@@ -51,18 +41,18 @@ def scene(eye, lookat, *shapes, texture=CHECKER):
 
 
 def water(height=-0.6):
-    return rj.build.plane("sea", material="water", normal=(0.0, 1.0, 0.0), point=(0.0, height, 0.0))
+    return build.plane("sea", material="water", normal=(0.0, 1.0, 0.0), point=(0.0, height, 0.0))
 
 
 def slab(ior=1.5):
     """All behind the upper plane is of glass, but for what is behind the lower one: of two planes the first decides."""
     return (
-        rj.build.plane("under", material="air", normal=(0.3, 0.0, 1.0), point=(0.0, 0.0, -0.5)),
-        rj.build.plane("over", material="glass", normal=(0.3, 0.0, 1.0), point=(0.0, 0.0, 0.3)),
+        build.plane("under", material="air", normal=(0.3, 0.0, 1.0), point=(0.0, 0.0, -0.5)),
+        build.plane("over", material="glass", normal=(0.3, 0.0, 1.0), point=(0.0, 0.0, 0.3)),
     )
 
 
-BALL = rj.build.sphere("ball", material="glass", center=(0.0, 0.0, 0.0), radius=1.0)
+BALL = build.sphere("ball", material="glass", center=(0.0, 0.0, 0.0), radius=1.0)
 SCENES = {
     "a water surface": scene((0.0, 1.5, 5.0), (0.0, -0.5, 0.0), water()),
     "a camera under water": scene((0.0, -1.5, 3.0), (0.0, -0.5, -1.0), water()),
@@ -72,7 +62,7 @@ SCENES = {
         (0.4, 0.5, 5.0),
         (0.0, 0.0, 0.0),
         BALL,
-        rj.build.sphere("small", material="water", center=(0.7, 0.1, 0.5), radius=0.6),
+        build.sphere("small", material="water", center=(0.7, 0.1, 0.5), radius=0.6),
         texture=SMOOTH,
     ),
 }
@@ -142,7 +132,7 @@ def test_flat_glass_is_refused_in_words():
     made = scene(
         (0.0, 0.0, 5.0),
         (0.0, 0.0, 0.0),
-        rj.build.rectangle("pane", material="glass", center=(0.0, 0.0, 0.0), right=(1.0, 0.0, 0.0), up=(0.0, 1.0, 0.0)),
+        build.rectangle("pane", material="glass", center=(0.0, 0.0, 0.0), right=(1.0, 0.0, 0.0), up=(0.0, 1.0, 0.0)),
     )
     for use in (
         lambda: rj.render(made, AS_PHYSICAL),

@@ -25,14 +25,6 @@ def test_is_what_pov_ray_renders(name):
     assert np.quantile(abs(ours - theirs), 0.999) < 1e-5
 
 
-def test_is_what_pov_ray_renders_of_a_ball_before_squares():
-    pixels = np.load(PICTURES / "pov_checker.npz")
-    difference = abs(look(pictured_scenes.squares(), pixels["x"], pixels["y"]) - pixels["radiance"]).max(axis=1)
-    assert np.mean(difference > 2e-5) < 0.01
-    assert np.mean(difference > 1e-3) < 0.003
-    assert difference.max() < 0.05
-
-
 @pytest.mark.parametrize("name", ["sky", "nested", "absorption"])
 def test_is_what_mitsuba_renders(name):
     """Means over blocks of 8 x 8 pixels, in which Mitsuba's noise is small."""

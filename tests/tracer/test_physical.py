@@ -7,21 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy_physical
+import physical_scenes
 import pictured_scenes
 import pytest
 from awkward_physical import AWKWARD, both_modes, faults
-from physical_scenes import (
-    Camera,
-    Image,
-    Light,
-    Material,
-    Rectangle,
-    Scene,
-    Sphere,
-    random_scene,
-    scene_text,
-    write_images,
-)
+from physical_scenes import Camera, Image, Light, Material, Rectangle, Scene, Sphere
 from scenes import scaled_scene
 
 import raytrace_jax as rj
@@ -40,8 +30,8 @@ def as_scene(tmp_path):
     """From a plain description, by way of files, to a scene."""
 
     def read(description):
-        write_images(description, tmp_path)
-        (tmp_path / "scene.txt").write_text(scene_text(description))
+        physical_scenes.write_images(description, tmp_path)
+        (tmp_path / "scene.txt").write_text(physical_scenes.scene_text(description))
         return rj.load_scene(tmp_path / "scene.txt", dtype=np.float64)
 
     return read
@@ -59,7 +49,7 @@ def assert_same(scene, description, most_pixels=0.005):
     [(0, False), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((1, False), (2, False), (0, True)))],
 )
 def test_random_scenes_are_the_plain_tracers(as_scene, seed, disperse):
-    description = random_scene(
+    description = physical_scenes.random_scene(
         np.random.default_rng(seed), size=(24, 18), images=True, disperse=disperse, least_weight=0, max_bounces=4
     )
     assert_same(as_scene(description), description)
@@ -179,21 +169,12 @@ def test_a_scaled_scene_has_the_same_picture(as_scene):
         assert np.mean(off > 1e-9) < 0.01, (factor, off.max())
 
 
-NUMBERS = {
-    "m1.ior": 1e-6,
-    "m1.absorption.g": 1e-6,
-    "s1.center.x": 1e-6,
-    "s1.center.z": 1e-6,
-    "s1.radius": 1e-6,
-    "m2.diffuse.r": 1e-4,
-    "m2.reflectivity": 1e-4,
-    "m2.transmission": 1e-4,
-    "l0.location.y": 1e-5,
-    "l0.emissivity.b": 1e-4,
-    "sky.radiance.r": 1e-4,
-    "eye.fov": 1e-5,
-    "s0.center.z": 1e-6,
-}
+NUMBERS = dict.fromkeys(
+    ("m1.ior", "m1.absorption.g", "s1.center.x", "s1.center.z", "s1.radius", "s0.center.z"), 1e-6
+) | dict.fromkeys(("l0.location.y", "eye.fov"), 1e-5)
+COLOURS = ("m2.diffuse.r", "m2.reflectivity", "m2.transmission", "l0.emissivity.b", "sky.radiance.r")
+NUMBERS |= dict.fromkeys(COLOURS, 1e-4)
+"""How far each moves to either side."""
 
 
 @pytest.mark.slow

@@ -53,11 +53,6 @@ def test_a_crop_is_that_window_of_the_whole_picture():
     np.testing.assert_allclose(window, whole[y : y + height, x : x + width], atol=1e-12)
 
 
-def test_a_crop_outside_of_the_picture_is_refused():
-    with pytest.raises(ValueError, match=r"crop \(40, 0, 9, 5\).*48 x 36"):
-        render(assignment_scene(), dataclasses.replace(SMALL, crop=(40, 0, 9, 5)))
-
-
 @pytest.mark.slow
 def test_center_looks_at_the_middle_of_the_pixels_of_corner():
     """`center` at w x h is `corner` at (2 w + 1) x (2 h + 1), every second pixel."""

@@ -1,5 +1,6 @@
 """Textures: look-ups at points by their formulas, over footprints against brute force, and their derivatives."""
 
+import functools
 import itertools
 
 import jax
@@ -16,7 +17,8 @@ WRAPS = ("clamp", "repeat", "black")
 KINDS = ("bilinear", "nearest")
 # Each is one program, not one for each of its operations.
 make_pyramid = jax.jit(pyramid_of, static_argnames="levels")
-over_footprints = at_points = jax.jit(image_colors, static_argnames=("kind", "wrap"))
+colors = functools.partial(image_colors, kind="bilinear", wrap="clamp")
+over_footprints = at_points = jax.jit(colors, static_argnames=("kind", "wrap"))
 checker = jax.jit(checker_fraction)
 environment = directions = jax.jit(environment_colors)
 

@@ -93,15 +93,6 @@ def picture_place(
     return u, v
 
 
-def camera_rays(camera: Camera, settings: ResolvedSettings, column: Scalars, row: Scalars) -> Rays:
-    """Rays from the viewpoint through fractional pixel positions, as in `picture_place`.
-
-    With `edges="aware"` each stands for a square around its position, as wide as the sub-pixel samples are apart.
-    """
-    u, v = picture_place(camera, settings, column, row)
-    return rays_through(camera, settings, u, v, jnp.asarray(pixel_step(camera, settings), u.dtype))
-
-
 def pixel_step(camera: Camera, settings: ResolvedSettings) -> Float[np.ndarray, "2"]:
     """The step of `u` from one pixel to the next to the right, and of `v` to the next down, where it is negative."""
     (left, right), (above, below) = picture_place(camera, settings, np.arange(2.0), np.arange(2.0))

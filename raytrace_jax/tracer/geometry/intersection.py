@@ -21,26 +21,16 @@ from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType, hit_distance,
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, materialize, safe_sqrt
 
-Best = tuple[Scalars, Integers]
-"""Distance and index of the nearest shape along each ray, as far as was searched."""
-
 
 class Hits(eqx.Module):
-    """The ends of rays on surfaces. Where `valid` is False the other fields are finite and have no meaning.
+    """The ends of rays on surfaces. Where `valid` is False the other fields are finite and have no meaning."""
 
-    Args:
-        valid: the ray hits something, and its path is not longer than `ResolvedSettings.path_limit`.
-        t: distance from the ray's origin, world units.
-        n: unit normal there; outward for a sphere, as the file has it for a plane.
-        path_length: length of the whole path from the viewpoint.
-    """
-
-    valid: Flags
-    t: Scalars
+    valid: Flags  # The ray hits something, and its path is not longer than `ResolvedSettings.path_limit`.
+    t: Scalars  # Distance from the ray's origin, world units.
     p: Vectors
-    n: Vectors
+    n: Vectors  # Unit normal there; outward for a sphere, as the file has it for a plane.
     shape: Integers
-    path_length: Scalars
+    path_length: Scalars  # Length of the whole path from the viewpoint.
 
 
 class Nodes(eqx.Module):
@@ -48,22 +38,16 @@ class Nodes(eqx.Module):
 
     Hits have no axis of nodes. An axis of length one would make derivatives in reverse mode take half as long again on
     the CPU.
-
-    Args:
-        n: unit normals there, as in `Hits`.
-        d: directions of the rays to them, of length one.
-        spread: how far the squared cosine of incidence ranges over the footprint: the width of what is uniform and
-            varies as much. It is a constant to the derivative, and None of hits.
     """
 
     p: Float[Array, "3 *nodes rays"]
     n: Float[Array, "3 *nodes rays"]
-    d: Float[Array, "3 *nodes rays"]
+    d: Float[Array, "3 *nodes rays"]  # Directions of the rays to them, of length one.
+    # The width of what is uniform and varies as much as the squared cosine of incidence; constant, and None of hits.
     spread: Scalars | None = None
 
     @property
     def single(self) -> bool:
-        """Whether they are hits."""
         return self.p.ndim == 2
 
 
@@ -73,15 +57,10 @@ def ends_in_time(path_length: Scalars, settings: ResolvedSettings) -> Flags:
 
 
 class Clusters(eqx.Module):
-    """Shapes of one shape_type in clusters of one size, each in a sphere.
+    """Shapes of one shape_type in clusters of one size, each in a sphere."""
 
-    Args:
-        shape_type: whose they are, a name of `shape_types.SHAPE_TYPES`.
-        members: indices of each cluster's shapes; the last one stands several times where there are too few.
-    """
-
-    shape_type: str = eqx.field(static=True)
-    members: Int[Array, "members clusters"]
+    shape_type: str = eqx.field(static=True)  # Whose they are, a name of `shape_types.SHAPE_TYPES`.
+    members: Int[Array, "members clusters"]  # Indices of shapes, the last one several times where there are too few.
     center: Float[Array, "3 clusters"]
     radius: Float[Array, " clusters"]
 
@@ -91,8 +70,7 @@ def intersect(
 ) -> Hits:
     """The nearest hit of each ray, differentiable with respect to rays and shapes.
 
-    Args:
-        rays: the rays; those that are not live may hold anything finite.
+    Rays that are not live may hold anything finite.
     """
     if not shapes.types:
         nothing = jnp.zeros_like(rays.path_length)
@@ -166,10 +144,9 @@ def make_clusters(shapes: Shapes, fewest: int = 32) -> list[Clusters]:
         indices = jnp.asarray([index for index, other in enumerate(shapes.types) if other == name], jnp.int32)
         if shape_type.reach is None or len(indices) < fewest:
             continue
-        position = shapes.position[:, indices]
         count = round(len(indices) ** 0.5)
         size = -(-len(indices) // count)
-        order = jnp.argsort(morton_codes(position))
+        order = jnp.argsort(morton_codes(shapes.position[:, indices]))
         places = jnp.minimum(jnp.arange(count * size), len(indices) - 1).reshape(count, size).T
         members = indices[order][places]
         corners = shapes.position[:, members]
@@ -183,15 +160,12 @@ def make_clusters(shapes: Shapes, fewest: int = 32) -> list[Clusters]:
 
 def morton_codes(position: Float[Array, "3 shapes"]) -> Int[Array, " shapes"]:
     """Places along a curve on which neighbours are mostly neighbours in space (Morton 1966)."""
-    bits = 10  # Of a place along each axis: three times as many, taken in turns, fit into an integer of 32 bits.
-    low, high = (pick(position, axis=1, keepdims=True) for pick in (jnp.min, jnp.max))
+    low, high = jnp.min(position, axis=1, keepdims=True), jnp.max(position, axis=1, keepdims=True)
     fraction = (position - low) / jnp.where(high > low, high - low, 1)
-    grid = jnp.clip(fraction * 2**bits, 0, 2**bits - 1).astype(jnp.int32)
-    code = jnp.zeros_like(grid[0])
-    for bit in range(bits):
-        for axis in range(3):
-            code |= ((grid[axis] >> bit) & 1) << (3 * bit + axis)
-    return code
+    # Ten bits of each place, taken in turns, fit into an integer of 32.
+    grid = jnp.clip(fraction * 2**10, 0, 2**10 - 1).astype(jnp.int32)
+    bit, axis = jnp.arange(10, dtype=jnp.int32)[:, None, None], jnp.arange(3, dtype=jnp.int32)[:, None]
+    return jnp.sum(((grid >> bit) & 1) << (3 * bit + axis), (0, 1), dtype=jnp.int32)
 
 
 def entries(clusters: Clusters, rays: Rays) -> Float[Array, "clusters rays"]:
@@ -208,13 +182,7 @@ def entries(clusters: Clusters, rays: Rays) -> Float[Array, "clusters rays"]:
     return jnp.where((discriminant > 0) & (along + half > 0), along - half, jnp.inf)
 
 
-def search_clusters(
-    clusters: Clusters,
-    rays: Rays,
-    best: Best,
-    hit: Callable[[Rays, Int[Array, ""]], tuple[Array, Array]],
-    nearer: Callable[[Best, tuple[Array, Array, Array]], Best],
-) -> Best:
+def search_clusters(clusters: Clusters, rays: Rays, best, hit: Callable, nearer: Callable) -> tuple[Scalars, Integers]:
     """The nearest shape along each ray, of these and of what was found before.
 
     Args:
@@ -226,10 +194,8 @@ def search_clusters(
     entry = entries(clusters, rays)
     # Rays that enter the same bound first are neighbours, and so are those that enter none.
     missed = jnp.all(jnp.isinf(entry), axis=0)
-    first = jnp.where(missed, entry.shape[0], jnp.argmin(entry, axis=0))
-    order = jnp.argsort(first)
+    order = jnp.argsort(jnp.where(missed, entry.shape[0], jnp.argmin(entry, axis=0)))
     order = jnp.concatenate([order, jnp.broadcast_to(order[-1:], (-count % packet_size,))])
-
     # Footprints take no part in the search, and sorting them costs.
     without_beams = dataclasses.replace(rays, beam=None, throughput=None)
 
@@ -237,11 +203,11 @@ def search_clusters(
         return jnp.moveaxis(values[..., order].reshape(*values.shape[:-1], -1, packet_size), -2, 0)
 
     # A packet goes through the clusters from the nearest on. One that no ray enters before its best hit is skipped.
-    def search(packet: tuple[Rays, Array, Best]) -> Best:
+    def search(packet):
         rays, entry, best = packet
         from_nearest = jnp.argsort(jnp.min(entry, axis=1))
 
-        def look_into(cluster: Int[Array, ""], best: Best) -> Best:
+        def look_into(cluster, best):
             members = clusters.members[:, cluster]
             t, hits = jax.vmap(lambda index: hit(rays, index))(members)
             t = jnp.where(hits, t, jnp.inf)
@@ -250,7 +216,7 @@ def search_clusters(
             index = jnp.min(jnp.where(t == least, members[:, None], jnp.iinfo(jnp.int32).max), axis=0)
             return nearer(best, (least, jnp.isfinite(least), index))
 
-        def step(k, best: Best) -> Best:
+        def step(k, best):
             cluster = from_nearest[k]
             matters = jnp.any(entry[cluster] < best[0])
             return jax.lax.cond(matters, look_into, lambda cluster, best: best, cluster, best)

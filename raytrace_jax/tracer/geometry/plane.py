@@ -1,7 +1,7 @@
 """Infinite planes, seen from both sides. In the course's models they end at the image plane (course model, 1.2)."""
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -10,17 +10,15 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Planes
 from raytrace_jax.tracer.geometry import shapes
-from raytrace_jax.tracer.geometry.rays import Flags, Number, Rays, Scalars, Vector, Vectors
+from raytrace_jax.tracer.geometry.rays import Axes, Flags, Number, Pairs, Rays, Scalars, Vector, Vectors
 from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
 
-LEVEL = 1e-6
-"""A plane whose normal leans less than this from the y axis is level: its texture lies along x."""
+LEVEL = 1e-6  # A plane whose normal leans less than this from the y axis is level: its texture lies along x.
 
 
 def coefficients(planes: Planes) -> dict[str, Array]:
-    """The fields of `Shapes`."""
     # A file's normal may have any length: scaled first, its squares neither overflow nor vanish. The scale is only a
     # matter of rounding and has no derivative.
     largest = jax.lax.stop_gradient(jnp.max(jnp.abs(planes.normal), axis=0))
@@ -30,7 +28,6 @@ def coefficients(planes: Planes) -> dict[str, Array]:
 
 
 def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> tuple[Array, Array]:
-    """Distance to one flat surface, and whether that is a hit: not parallel, ahead, and not where the ray starts."""
     cos = dot_fixed(shape.normal, rays.d)
     height = dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o)
     t = height / away_from_zero(cos, shapes.LEAST_COS)
@@ -38,7 +35,6 @@ def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> tuple[Arra
 
 
 def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
-    """Distance along rays to one plane, and whether that is a hit."""
     t, hits = flat_hit(rays, shape, own, least)
     if settings.rules.planes_end_at_image_plane:
         hits = hits & (rays.o[2] + t * rays.d[2] <= 0)
@@ -46,7 +42,6 @@ def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: Resolved
 
 
 def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
-    """Distance along rays that meet their flat shapes."""
     return -dot(shape.normal, rays.o - shape.position) / away_from_zero(dot(shape.normal, rays.d), shapes.LEAST_COS)
 
 
@@ -63,13 +58,7 @@ def edges(
 
 
 def see_flat(
-    edges: Callable[..., tuple[Edge, ...]],
-    rays: Rays,
-    shape: Shapes,
-    own: Flags,
-    may_pass: Flags,
-    least: Number,
-    settings: ResolvedSettings,
+    edges: Callable, rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Number, settings: ResolvedSettings
 ) -> shapes.Sighting:
     """The meeting of each footprint with one flat shape that has these edges.
 
@@ -85,12 +74,7 @@ def see_flat(
 
 
 def flat_clearance(
-    beyond: Callable[[Vectors, Shapes, ResolvedSettings], Scalars | None],
-    o: Vectors,
-    light: Vector,
-    shape: Shapes,
-    unit: Number,
-    settings: ResolvedSettings,
+    beyond: Callable, o: Vectors, light: Vector, shape: Shapes, unit: Number, settings: ResolvedSettings
 ) -> Scalars:
     """The height of `o` on the light's side of a flat surface; from behind, how far outside of it the way crosses it.
 
@@ -113,11 +97,7 @@ def before_image_plane(p: Vectors, shape: Shapes, settings: ResolvedSettings) ->
 
 
 def flat_section(
-    point: np.ndarray,
-    normal: np.ndarray,
-    drawing: CuttingPlane,
-    reach: float,
-    bounds: Iterable[tuple[np.ndarray, float]],
+    point: np.ndarray, normal: np.ndarray, drawing: CuttingPlane, reach: float, bounds: list[tuple[np.ndarray, float]]
 ) -> Float[np.ndarray, "points 2"]:
     """The line in which a drawing cuts a flat surface, as far as each bound (a, limit) holds: a.p <= limit."""
     across = np.array([normal @ drawing.right, normal @ drawing.up])
@@ -143,13 +123,12 @@ def flat_section(
 
 
 def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
-    """The line in which a drawing cuts one plane."""
     ends = [(np.array([0.0, 0.0, 1.0]), 0.0)] if settings.rules.planes_end_at_image_plane else []
     line = flat_section(np.asarray(shape.position), np.asarray(shape.normal), drawing, reach, ends)
     return Section(line, False, shapes.NO_POINTS)
 
 
-def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]:
+def frame(shape: Shapes) -> tuple[Axes, Pairs]:
     """Directions to the right, across the y axis, and upwards; where the plane is level, right is x. It has no end."""
     n = shape.normal
     zero, one = jnp.zeros_like(n[0]), jnp.ones_like(n[0])

@@ -9,7 +9,6 @@ from jaxtyping import Array, Bool, Float, Int, Shaped
 
 Number = Float[Array, ""]
 Vector = Float[Array, "3"]
-"""One number, and one vector."""
 
 Scalars = Float[Array, " *rays"]
 Vectors = Float[Array, "3 *rays"]
@@ -28,9 +27,7 @@ NO_SHAPE = -1
 class Footprint(eqx.Module):
     """The change of a ray across the part of a pixel that it stands for: a parallelogram, the image of a unit square.
 
-    Args:
-        o: derivatives of the origin with respect to the square's two coordinates, which run from -1/2 to 1/2.
-        d: derivatives of the direction with respect to these coordinates.
+    `o` and `d` are derivatives of origin and direction by the square's two coordinates, which run from -1/2 to 1/2.
     """
 
     o: Axes
@@ -38,64 +35,39 @@ class Footprint(eqx.Module):
 
 
 class Beam(eqx.Module):
-    """The part of a ray that it carries besides when it stands for an area and may pass the edge of a shape.
-
-    Args:
-        passed: the last two shapes past whose edges the ray went since its origin, or `NO_SHAPE`; it ignores them.
-        depth: how often the path has bounced.
-        subdivisions: how often its footprint has been cut into smaller ones.
-    """
+    """The part of a ray that it carries besides when it stands for an area and may pass the edge of a shape."""
 
     footprint: Footprint
-    passed: Int[Array, "2 *rays"]
-    depth: Integers
-    subdivisions: Integers
+    passed: Int[Array, "2 *rays"]  # The last two shapes that it passed since its origin, or `NO_SHAPE`; ignored.
+    depth: Integers  # How often the path has bounced.
+    subdivisions: Integers  # How often its footprint has been cut into smaller ones.
 
 
 class Rays(eqx.Module):
-    """Rays `o + t d`, with what decides exactly, without an epsilon, whether they can meet their own origin again.
+    """Rays `o + t d`, with what decides exactly, without an epsilon, whether they can meet their own origin again."""
 
-    Args:
-        o: origins, world units.
-        d: directions of length one.
-        path_length: length of the path from the viewpoint to the origin, world units.
-        origin_shape: index of the shape on which the ray starts, or `NO_SHAPE`.
-        inside: whether the ray leaves that shape's surface towards the side that its normal points away from.
-        beam: a `Beam` for tracing that is aware of edges, else None.
-        throughput: about how much the ray's colour counts in its camera ray's, not differentiable; a number for each
-            ray, or None where nothing asks.
-    """
-
-    o: Vectors
-    d: Vectors
-    path_length: Scalars
-    origin_shape: Integers
-    inside: Flags
-    beam: Any = None
-    throughput: Any = None
+    o: Vectors  # Origins, world units.
+    d: Vectors  # Directions of length one.
+    path_length: Scalars  # Length of the path from the viewpoint to the origin, world units.
+    origin_shape: Integers  # Index of the shape on which the ray starts, or `NO_SHAPE`.
+    inside: Flags  # Whether the ray leaves that shape's surface towards the side that its normal points away from.
+    beam: Any = None  # A `Beam` for tracing that is aware of edges, else None.
+    throughput: Any = None  # How much each ray's colour counts in its camera ray's, constant; None where nothing asks.
 
 
 class PackedRays(NamedTuple):
-    """Rays as they wait: few arrays, as each of them takes as long to move as many numbers do.
+    """Rays as they wait: few arrays, as each of them takes as long to move as many numbers do."""
 
-    Args:
-        moving: what has a derivative: origins, directions and lengths of paths.
-        fixed: footprints and throughputs; without rows where nothing asks for them.
-        counts: all that is discrete, in its last row how many rays are before each in its path, which may pass edges.
-    """
-
-    moving: Float[Array, "7 *rays"]
-    fixed: Float[Array, "_ *rays"]
-    counts: Int[Array, "_ *rays"]
+    moving: Float[Array, "7 *rays"]  # What has a derivative: origins, directions and lengths of paths.
+    fixed: Float[Array, "_ *rays"]  # Footprints and throughputs; without rows where nothing asks for them.
+    counts: Int[Array, "_ *rays"]  # All that is discrete; last, how many rays are before each in its path.
 
     @property
     def number(self) -> Integers:
-        """How many rays are before each in its path."""
         return self.counts[-1]
 
 
 def packed(rays: Rays, number: Integers) -> PackedRays:
-    """Rays, and how many are before each, as they wait."""
     moving = jnp.concatenate([rays.o, rays.d, rays.path_length[None]])
     fixed, counts = moving[:0], [rays.origin_shape, rays.inside.astype(jnp.int32)]
     if rays.throughput is not None:
@@ -107,7 +79,6 @@ def packed(rays: Rays, number: Integers) -> PackedRays:
 
 
 def unpacked(rays: PackedRays) -> Rays:
-    """The rays that `packed` has packed."""
     moving, fixed, counts = rays
     o, d, path_length = moving[:3], moving[3:6], moving[6]
     beam = None
@@ -136,7 +107,6 @@ def take_column(column: Shaped[Array, "*components entries"], index: Integers) -
 
 
 def selections(column: Shaped[Array, "*components entries"], index: Integers) -> Shaped[Array, "..."]:
-    """The chain of selections."""
     entries = [column[..., k].reshape(column.shape[:-1] + (1,) * index.ndim) for k in range(column.shape[-1])]
     chosen = jnp.broadcast_to(entries[0], column.shape[:-1] + index.shape)
     for k, entry in enumerate(entries[1:], start=1):

@@ -10,14 +10,14 @@ from jaxtyping import Array, Float
 from raytrace_jax.scene.scene import Rectangles
 from raytrace_jax.tracer.geometry import shapes
 from raytrace_jax.tracer.geometry.plane import distance, flat_clearance, flat_hit, flat_section, see_flat
-from raytrace_jax.tracer.geometry.rays import Flags, Number, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Axes, Flags, Number, Pairs, Rays, Scalars, Vectors
 from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, normalize
 
 
 def coefficients(rectangles: Rectangles) -> dict[str, Array]:
-    """The fields of `Shapes`; the normal is that of a right-handed frame: right, up, towards the beholder."""
+    """The normal is that of a right-handed frame: right, up, towards the beholder."""
     axes = jnp.stack([rectangles.right, rectangles.up])
     right, up = unit_sides(axes)
     normal, zeros = normalize(jnp.cross(right, up, axis=0)), jnp.zeros_like(right[0])
@@ -46,7 +46,6 @@ def within_borders(p: Vectors, shape: Shapes) -> list[Scalars]:
 
 
 def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
-    """Distance along rays to one rectangle, and whether that is a hit."""
     t, hits = flat_hit(rays, shape, own, least)
     along_right, along_up = within_borders(rays.o + jnp.where(hits, t, 0) * rays.d, shape)
     return t, hits & (along_right >= 0) & (along_up >= 0)
@@ -55,7 +54,6 @@ def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: Resolved
 def edges(
     rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
 ) -> tuple[Edge, ...]:
-    """The nearer border of each pair, as edges of the footprint."""
     footprint = rays.beam.footprint
     p = rays.o + t * rays.d
     fixed_p, fixed_t, d, fixed = jax.lax.stop_gradient((p, t, rays.d, shape))
@@ -78,7 +76,6 @@ def outside_borders(p: Vectors, shape: Shapes, settings: ResolvedSettings) -> Sc
 
 
 def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
-    """The line in which a drawing cuts one rectangle, and the rectangle's outline."""
     center, (right, up) = np.asarray(shape.position, np.float64), np.asarray(shape.axes, np.float64)
     corners = [center + u * right + v * up for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
     outline = np.array([drawing.project(corner) for corner in corners])
@@ -88,13 +85,11 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
 
 
 def reach(shape: Shapes) -> Float[Array, " *shapes"]:
-    """The distance of rectangles' corners from their centres."""
     assert shape.axes is not None
     return jnp.sqrt(dot(shape.axes[0], shape.axes[0]) + dot(shape.axes[1], shape.axes[1]))
 
 
-def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]:
-    """Directions along the sides, and half the sides' lengths."""
+def frame(shape: Shapes) -> tuple[Axes, Pairs]:
     assert shape.axes is not None
     directions = unit_sides(shape.axes)
     lengths = [dot(side, axis) for side, axis in zip(directions, shape.axes, strict=True)]

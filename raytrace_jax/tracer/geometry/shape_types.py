@@ -1,7 +1,6 @@
 """The table of shape types, questions to shapes of any type, and the shapes of a scene laid out for tracing."""
 
 import functools
-import operator
 from collections.abc import Callable, Collection
 from typing import Any, TypeVar
 
@@ -13,7 +12,7 @@ from raytrace_jax.scene.parameters import shape_blocks
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.geometry.plane import PLANE
-from raytrace_jax.tracer.geometry.rays import UNROLL, Flags
+from raytrace_jax.tracer.geometry.rays import UNROLL
 from raytrace_jax.tracer.geometry.rectangle import RECTANGLE
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.geometry.sphere import SPHERE
@@ -40,7 +39,6 @@ def fold_shapes(
     Args:
         ask: the answer of one shape, from its type and its index.
         combine: puts an answer to what was found before; the order of the shapes must not matter to it.
-        start: what is found before the first.
         settle: what to do with all answers before they are put together, and with what is found after each, where they
             are few. Chains of selections that feed each other are one kernel otherwise, which computes them anew.
     """
@@ -69,12 +67,10 @@ def fold_shapes(
 
 
 def present_types(shapes: Shapes) -> list[tuple[int, ShapeType]]:
-    """The types of which the scene has a shape, with their places in the table."""
     return [(place, shape_type) for place, (name, shape_type) in enumerate(SHAPE_TYPES.items()) if name in shapes.types]
 
 
 def by_type(shape: Shapes, answer: Callable[[ShapeType], T]) -> T:
-    """The answer of the type of each ray's shape."""
     (_, shape_type), *others = present_types(shape)
     found = answer(shape_type)
     for place, shape_type in others:
@@ -82,14 +78,7 @@ def by_type(shape: Shapes, answer: Callable[[ShapeType], T]) -> T:
     return found
 
 
-def is_curved(shape: Shapes) -> Flags:
-    """Whether rays' shapes have an outline where rays graze them."""
-    curved = [shape.type == place for place, shape_type in present_types(shape) if shape_type.curved]
-    return functools.reduce(operator.or_, curved, jnp.zeros(shape.type.shape, bool))
-
-
 def shape_materials(scene: Scene) -> list[int]:
-    """The index of each shape's material in the order of the file."""
     return [shape.read(scene, "material") for shape in shape_blocks(scene)]
 
 
@@ -108,7 +97,6 @@ def repeated(shapes: Shapes) -> Bool[Array, " shapes"]:
 
 @with_lower_ranks
 def scene_shapes(scene: Scene) -> Shapes:
-    """The coefficients of the implicit function for every shape of a scene."""
     groups = [getattr(scene, BLOCK_TYPES[keyword][0].group) for keyword in SHAPE_TYPES]
     # The place of each shape, in the order of the file, in the list of all shapes type by type.
     places = {name: place for place, name in enumerate(name for group in groups for name in group.names)}

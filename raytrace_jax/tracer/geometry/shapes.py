@@ -22,34 +22,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.geometry.rays import Flags, Pairs, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.rays import Axes, Flags, Pairs, Rays, Scalars, Vectors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, with_lower_ranks
+from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, is_zero, with_lower_ranks
 
 LEAST_COS = 1e-6
 """A flat shape is not hit by a ray whose direction is closer than this to parallel (course model, 1.2)."""
 
 
 class Shapes(eqx.Module):
-    """Shapes as the coefficients of F, `normal` of length one; those of a scene, or one for each ray.
+    """Shapes as the coefficients of F, `normal` of length one; those of a scene, or one for each ray."""
 
-    Args:
-        types: the types of the scene's shapes in the order of the file, names of `shape_types.SHAPE_TYPES`.
-        type: of each shape the place of its type in that table.
-        position, normal, curvature, radius: the coefficients.
-        axes: two half-side vectors, along which a shape with sides extends to either side of its position; 0 for
-            shapes without, None where the scene has none with.
-        hidden: whether an earlier shape has the same surface, and is all that is met there; None where nobody asks.
-    """
-
-    types: tuple[str, ...] = eqx.field(static=True)
-    type: Int[Array, " *shapes"]
+    types: tuple[str, ...] = eqx.field(static=True)  # Of all shapes of the scene, in the order of the file.
+    type: Int[Array, " *shapes"]  # The place of the type in `shape_types.SHAPE_TYPES`.
     position: Float[Array, "3 *shapes"]
     normal: Float[Array, "3 *shapes"]
     curvature: Float[Array, " *shapes"]
     radius: Float[Array, " *shapes"]
+    # Two half-side vectors of shapes with sides, from their positions; 0 for others, None where all are others.
     axes: Float[Array, "2 3 *shapes"] | None = None
-    hidden: Bool[Array, " *shapes"] | None = None
+    hidden: Bool[Array, " *shapes"] | None = None  # An earlier shape has the same surface, and is all that is met.
 
 
 def surface_value(p: Vectors, shape: Shapes) -> Scalars:
@@ -87,16 +79,12 @@ def hit_distance(
 ) -> Scalars:
     """`t` itself, where it is known to be the distance at which a ray meets its shape, made differentiable.
 
-    `F(o + t d; shape) = 0` gives `dt = -dF / (n.d)`, with dF the change of F at fixed t. It is one division a ray,
-    whatever number of shapes had to be searched to find `t`, and it treats near, far and own-chord roots alike.
-    At grazing incidence dt is unbounded in truth; the divisor stops at `least_cos`.
+    `F(o + t d; shape) = 0` gives `dt = -dF / (n.d)`, with dF the change of F at fixed t: one division a ray, whatever
+    number of shapes had to be searched. At grazing incidence dt is unbounded in truth; the divisor stops at
+    `least_cos`, with its `side` as in `divisor`. The derivative of the given `t` is ignored.
 
     The formula holds wherever the ray meets the shape, and its t is this function's own result. So derivatives of any
     order are exact. F's change with the curvature is 0 on the surface, and stays 0.
-
-    Args:
-        t: distances; their own derivative, if they have one, is ignored.
-        least_cos, side: the least cosine of incidence by which to divide, and its known sign, as in `divisor`.
     """
     return t
 
@@ -110,16 +98,14 @@ def _hit_distance_jvp(primals, tangents):
     n = surface_normal(p, shape)
     from_position = p - shape.position
     # dF term by term; what is not differentiated costs nothing.
-    terms = []
-    for change, derivative in (
+    derivatives = (
         (o_dot, lambda change: dot(n, change)),
         (d_dot, lambda change: t * dot(n, change)),
         (shape_dot.position, lambda change: -dot(n, change)),
         (shape_dot.normal, lambda change: dot(from_position, change)),
         (shape_dot.radius, lambda change: -shape.curvature * shape.radius * change),
-    ):
-        if not isinstance(change, jax.custom_derivatives.SymbolicZero):
-            terms.append(derivative(change))
+    )
+    terms = [derivative(change) for change, derivative in derivatives if not is_zero(change)]
     if not terms:
         return t, jnp.zeros_like(t)
     cos = dot(n, d)
@@ -138,30 +124,17 @@ GRAZING = 1e-3
 
 
 class Edge(eqx.Module):
-    """One candidate edge of each ray.
-
-    Args:
-        value: the event function, positive where the nearest surface is present.
-        slope: its derivatives along the footprint's two axes.
-        fraction: how much of the footprint, side to side, the linear event function is good for.
-    """
-
     exists: Flags
-    value: Scalars
-    slope: Pairs
-    fraction: Scalars
+    value: Scalars  # The event function, positive where the nearest surface is present.
+    slope: Pairs  # Its derivatives along the footprint's two axes.
+    fraction: Scalars  # How much of the footprint, side to side, the linear event function is good for.
 
 
 class Approach(eqx.Module):
-    """The change of the distance to a surface over a footprint; constant to the parameter derivative.
+    """The change of the distance to a surface over a footprint; constant to the parameter derivative."""
 
-    Args:
-        slope: derivatives of the distance along the footprint's two axes.
-        fraction: how much of the footprint that is about right for: the cosine of incidence changes little there.
-    """
-
-    slope: Pairs
-    fraction: Scalars
+    slope: Pairs  # Derivatives of the distance along the footprint's two axes.
+    fraction: Scalars  # How much of the footprint that is about right for: the cosine of incidence changes little.
 
 
 def approach(rays: Rays, shape: Shapes, t: Scalars, side: Scalars | None = None) -> Approach:
@@ -195,19 +168,12 @@ def is_within(edge: Edge) -> Flags:
 
 
 class Sighting(NamedTuple):
-    """The meeting of each footprint with one shape.
+    """The meeting of each footprint with one shape."""
 
-    Args:
-        t: distance to where it is met first, in world units.
-        seen: whether any part of the footprint that matters meets it.
-        outside: whether it is a curved shape that is seen from outside of it.
-        centered: whether the footprint's centre meets it, not only a part beyond its edge.
-    """
-
-    t: Scalars
-    seen: Flags
-    outside: Flags
-    centered: Flags
+    t: Scalars  # Distance to where it is met first, in world units.
+    seen: Flags  # Any part of the footprint that matters meets it.
+    outside: Flags  # It is a curved shape that is seen from outside of it.
+    centered: Flags  # The footprint's centre meets it, not only a part beyond its edge.
 
 
 class CuttingPlane(NamedTuple):
@@ -219,58 +185,40 @@ class CuttingPlane(NamedTuple):
     normal: Float[np.ndarray, "3"]
 
     def project(self, p: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:
-        """A point's place in the drawing."""
         return np.array([(p - self.center) @ self.right, (p - self.center) @ self.up])
 
 
 class Section(NamedTuple):
-    """A shape in a drawing, as points of the drawing's plane in order; without points there is nothing.
+    """A shape in a drawing, as points of the drawing's plane in order; without points there is nothing."""
 
-    Args:
-        cut: where the plane cuts the shape: the corners of an area, or the points of a line.
-        is_area: which of the two.
-        outline: the shape's outline as seen from far in front of the drawing; none for what has no end.
-    """
-
-    cut: Float[np.ndarray, "points 2"]
+    cut: Float[np.ndarray, "points 2"]  # The corners of an area in which the plane cuts it, or the points of a line.
     is_area: bool
-    outline: Float[np.ndarray, "corners 2"]
+    outline: Float[np.ndarray, "corners 2"]  # As seen from far in front; none for what has no end.
 
 
 NO_POINTS = np.zeros((0, 2))
 
 
 class ShapeType(NamedTuple):
-    """A type of shape. "A shape" is a `Shapes` of one entry, or of one for each ray.
+    """A type of shape. "A shape" is a `Shapes` of one entry, or of one for each ray."""
 
-    Args:
-        curved: closed and convex, with an outline where rays graze it; flat if not.
-        coefficients: of the scene's struct of such shapes the fields of `Shapes`; `axes` only where the type has sides.
-        hit: distance to one shape, and whether that is a hit; of rays, shape, which rays start on it, the least
-            distance that counts, and settings. `hit_distance` makes it differentiable, as the next.
-        distance: distance along rays that are known to meet their shapes, one a ray; of rays, shapes, and which of them
-            are seen from outside.
-        see: how footprints meet one shape; of rays, shape, which rays start on it, which have a level for what is past
-            an edge, the least distance, and settings.
-        edges: the shapes' own edges, one shape a ray; of rays, shapes, which of these are of this type, which are seen
-            from outside, distances, how these change over the footprint, and settings.
-        clearance: how far the ways from points to a light stay clear of one shape, in world units, negative where it
-            cuts them; of points, the light's location, shape, unit of length, and settings.
-        section: one shape in a drawing; of shape, the drawing's plane, how far the drawing reaches, and settings.
-        reach: how far shapes extend from their positions, in world units; None where they have no end.
-        has_inside: there is glass behind its surface, wherever F is negative.
-        frame: the directions in which textures measure positions on shapes, of length one, and half the shapes' sizes
-            along these, infinite where they have no end; None where textures have no mapping.
-    """
-
-    curved: bool
+    curved: bool  # Closed and convex, with an outline where rays graze it; flat if not.
+    # Of the scene's struct of such shapes the fields of `Shapes`; `axes` only where the type has sides.
     coefficients: Callable[[Any], dict[str, Array]]
+    # Distance to one shape, and whether that is a hit: of rays, shape, which rays start on it, the least distance that
+    # counts, and settings. `hit_distance` makes it differentiable, as the next.
     hit: Callable[[Rays, Shapes, Flags, Array, ResolvedSettings], tuple[Array, Array]]
-    distance: Callable[[Rays, Shapes, Flags], Scalars]
+    distance: Callable[[Rays, Shapes, Flags], Scalars]  # To shapes that are met, one a ray; which from outside.
+    # How footprints meet one shape; as `hit`, and which rays have a level for what is past an edge.
     see: Callable[[Rays, Shapes, Array, Array, Array, ResolvedSettings], Sighting]
+    # The shapes' own edges, one shape a ray: of rays, shapes, which of these are of this type, which are seen from
+    # outside, distances, how these change over the footprint, and settings.
     edges: Callable[[Rays, Shapes, Array, Array, Array, Approach, ResolvedSettings], tuple[Edge, ...]]
+    # How far the ways from points to a light stay clear of one shape, in world units, negative where it cuts them: of
+    # points, the light's location, shape, unit of length, and settings.
     clearance: Callable[[Array, Array, Shapes, Array, ResolvedSettings], Scalars]
-    section: Callable[[Shapes, CuttingPlane, float, ResolvedSettings], Section]
-    reach: Callable[[Shapes], Float[Array, " *shapes"]] | None = None
-    has_inside: bool = False
-    frame: Callable[[Shapes], tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]] | None = None
+    section: Callable[[Shapes, CuttingPlane, float, ResolvedSettings], Section]  # As far as the drawing reaches.
+    reach: Callable[[Shapes], Scalars] | None = None  # From their positions, in world units; None without an end.
+    has_inside: bool = False  # There is glass behind its surface, wherever F is negative.
+    # Unit directions of textures on shapes, and half the shapes' sizes along these, or infinity; None without mapping.
+    frame: Callable[[Shapes], tuple[Axes, Pairs]] | None = None

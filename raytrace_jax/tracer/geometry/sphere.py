@@ -17,19 +17,10 @@ from raytrace_jax.util.numerics import dot, per_ray, safe_sqrt, vectors_to
 
 
 class Chord(NamedTuple):
-    """The chords of rays that pass a sphere.
-
-    Args:
-        along: signed distance along the ray to its point nearest to the centre.
-        across: the vector from the centre to that point.
-        discriminant: the radius squared less the square of that vector; positive where the ray meets the sphere.
-        half: half the length of the chord; 0 where there is none.
-    """
-
-    along: Scalars
-    across: Vectors
-    discriminant: Scalars
-    half: Scalars
+    along: Scalars  # Signed distance along the ray to its point nearest to the centre.
+    across: Vectors  # The vector from the centre to that point.
+    discriminant: Scalars  # The radius squared less the square of that vector; positive where the ray meets the sphere.
+    half: Scalars  # Half the length of the chord; 0 where there is none.
 
 
 def chord(o: Vectors, d: Vectors, center: Array, radius: Array) -> Chord:
@@ -46,13 +37,11 @@ def chord(o: Vectors, d: Vectors, center: Array, radius: Array) -> Chord:
 
 
 def chord_in(rays: Rays, shape: Shapes) -> Chord:
-    """The chords of rays in their spheres, or in one sphere."""
     center = shape.position if shape.position.ndim > 1 else per_ray(shape.position, rays.o.ndim - 1)
     return chord(rays.o, rays.d, center, shape.radius)
 
 
 def coefficients(spheres: Spheres) -> dict[str, Array]:
-    """The fields of `Shapes`."""
     center, radius = spheres.center, spheres.radius
     return {"position": center, "normal": jnp.zeros_like(center), "curvature": 1 / radius, "radius": radius}
 
@@ -73,13 +62,11 @@ def meeting(
 
 
 def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
-    """Distance along rays to one sphere, and whether that is a hit."""
     t, hits, _ = meeting(rays, chord_in(rays, shape), own, least, settings)
     return t, hits & (t > least)
 
 
 def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
-    """Distance along rays that meet their spheres, from outside or from within."""
     passing = chord_in(rays, shape)
     return jnp.where(outside, passing.along - passing.half, passing.along + passing.half)
 
@@ -111,7 +98,6 @@ def see(
 def edges(
     rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
 ) -> tuple[Edge, ...]:
-    """The silhouette of a sphere that is seen from outside."""
     passing = chord_in(rays, shape)
     radius = jnp.where(mine, shape.radius, 1)
     value = (radius * radius - dot(passing.across, passing.across)) / (2 * radius)
@@ -131,7 +117,6 @@ def clearance(o: Vectors, light: Vector, shape: Shapes, unit: Number, settings: 
 
 
 def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
-    """The circle in which a drawing cuts one sphere, and the sphere's outline."""
     center, radius = np.asarray(shape.position, np.float64), float(shape.radius)
     angle = np.linspace(0, 2 * np.pi, 181)  # A corner every second degree.
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)

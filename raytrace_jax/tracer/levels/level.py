@@ -9,8 +9,8 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.optics import reflect, refract
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.geometry.intersection import Hits, intersect
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Flags, Footprint, Integers, Rays, Scalars, take
+from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, intersect
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Flags, Footprint, Integers, Pairs, Rays, Scalars, take
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading import additive, classic, physical
 from raytrace_jax.tracer.shading.model import Children, Model, materials_at
@@ -24,34 +24,19 @@ MODELS: dict[ModelName, Model] = {"classic": classic.MODEL, "additive": additive
 
 
 class Scattering(eqx.Module):
-    """The part of a ray's colour that does not come from the rays that it sends on.
+    """The part of a ray's colour that does not come from the rays that it sends on."""
 
-    Args:
-        surface: what the model keeps until the children's colours are known; None where there is nothing to hit.
-        coverage: fraction of each ray's footprint that sees the hit; None in point-sampled tracing.
-        subdivided: whose children are not a reflected, a transmitted and a passing ray, but the thirds of their
-            footprint; None as above.
-        sees_edge: whose footprint is split or subdivided; None as above.
-    """
-
-    surface: eqx.Module | None
+    surface: eqx.Module | None  # What the model keeps for `combine`; None where there is nothing to hit.
     background: Float[Array, "3 *#rays"]
-    coverage: Scalars | None = None
-    subdivided: Flags | None = None
-    sees_edge: Flags | None = None
+    coverage: Scalars | None = None  # Fraction of each ray's footprint that sees the hit; None of points, as the next.
+    subdivided: Flags | None = None  # Whose children are the thirds of their footprint.
+    sees_edge: Flags | None = None  # Whose footprint is split or subdivided.
 
 
 class Level(eqx.Module):
-    """Rays after intersection and shading.
-
-    Args:
-        si: the surface interactions, where they hit.
-        children: the rays that are sent on (reflected, transmitted, past an edge), with those wanted of each kind.
-    """
-
     si: Hits
     scattering: Scattering
-    children: list[tuple[Flags, Rays]]
+    children: list[tuple[Flags, Rays]]  # Which are wanted of the reflected, transmitted and passing rays.
 
 
 @functools.partial(jax.jit, static_argnames="settings")
@@ -70,11 +55,11 @@ def trace_level(world: World, rays: Rays, live: Flags, number: Integers, setting
 
 
 def point_level(world: World, rays: Rays, live: Flags, settings: ResolvedSettings) -> Level:
-    """A level of rays that are points of the picture."""
     model = MODELS[settings.model]
     si = intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
     media = model.media(world, si, dot(rays.d, si.n) < 0, settings)
-    surface, children = model.shade(si, rays, world, media, materials_at(world, si), settings)
+    nodes = Nodes(si.p, si.n, rays.d)
+    surface, children = model.shade(si, rays, world, media, materials_at(world, si), settings, nodes)
     throughput = None
     if rays.throughput is not None:
         throughput = rays.throughput * jax.lax.stop_gradient(jnp.stack(model.child_weights(surface)))
@@ -83,30 +68,25 @@ def point_level(world: World, rays: Rays, live: Flags, settings: ResolvedSetting
 
 
 def area_level(world: World, rays: Rays, live: Flags, number: Integers, settings: ResolvedSettings) -> Level:
-    """A level of rays that stand for areas: what each footprint sees first, and how its parts go on."""
     # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
     has_levels = settings.levels - number > settings.max_bounces - rays.beam.depth
-    view = look(world.shapes, rays, live, has_levels, world.unit, settings)
-    surface, children, spread = scatter_areas(world, view.rays, view.si, view.coverage, settings)
+    si, near, seen, passes, past = look(world.shapes, rays, live, has_levels, world.unit, settings)
+    surface, children, spread = scatter_areas(world, near, si, seen, settings)
     subdivided, second = footprints.wants_subdivision(rays, spread, has_levels & live, settings)
 
-    children = [*children, (view.passes, view.past)]
+    children = [*children, (passes, past)]
     children = [
         (wanted | subdivided, select(subdivided, part, child))
         for (wanted, child), part in zip(children, footprints.subdivide(rays, second), strict=True)
     ]
-    background = MODELS[settings.model].background(world, view.rays)
-    scattering = Scattering(surface, background, view.coverage, subdivided, view.passes | subdivided)
-    return Level(view.si, scattering, children)
+    background = MODELS[settings.model].background(world, near)
+    return Level(si, Scattering(surface, background, seen, subdivided, passes | subdivided), children)
 
 
 def scatter_areas(
     world: World, rays: Rays, si: Hits, coverage: Scalars, settings: ResolvedSettings
-) -> tuple[eqx.Module, list[tuple[Flags, Rays]], Float[Array, "2 rays"]]:
-    """Shade footprints and send them on from where they hit.
-
-    Args:
-        coverage: fraction of the footprint they came with that this one is.
+) -> tuple[eqx.Module, list[tuple[Flags, Rays]], Pairs]:
+    """Shade footprints, of which `coverage` is what is left, and send them on from where they hit.
 
     Returns:
         What the model keeps; the reflected and the transmitted rays, as `scattered_rays`; and along both axes of the
@@ -130,9 +110,8 @@ def scatter_areas(
     children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
     weights = jax.lax.stop_gradient(coverage * jnp.stack(model.child_weights(surface)))
     throughput = jnp.where(wanted, rays.throughput * weights, 0)
-    spread = throughput[0] * footprints.spread_squared(reflected) + throughput[1] * footprints.spread_squared(
-        transmitted
-    )
+    squares = [footprints.spread_squared(axes) for axes in (reflected, transmitted)]
+    spread = throughput[0] * squares[0] + throughput[1] * squares[1]
 
     nothing = jnp.full_like(beam.passed, NO_SHAPE)
     parts = [footprints.bounded(Footprint(p_axes, d), world.unit) for d in (reflected, transmitted)]
@@ -141,11 +120,7 @@ def scatter_areas(
 
 
 def scattered_rays(
-    si: Hits,
-    c: Children,
-    throughput: Float[Array, "2 rays"] | None,
-    beams: list[Beam] | None,
-    settings: ResolvedSettings,
+    si: Hits, c: Children, throughput: Pairs | None, beams: list[Beam] | None, settings: ResolvedSettings
 ) -> list[tuple[Flags, Rays]]:
     """The reflected and the transmitted rays of all hits, with those that are wanted and count enough."""
     # A reflected ray stays on the side that it came from, a transmitted one changes sides.

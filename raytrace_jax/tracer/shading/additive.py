@@ -19,27 +19,20 @@ from raytrace_jax.optics.fresnel import schlick_share
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.lights import LightSample, light_fractions, over_lights
-from raytrace_jax.tracer.shading.model import Children, Media, Model, black
-from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_fractions, total_fraction
+from raytrace_jax.tracer.shading.model import Children, LightSample, Media, Model, black, light_fractions, over_lights
+from raytrace_jax.tracer.shading.quadrature import mean, positive_fractions, total_fraction
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, per_ray, safe_normalize
 
 
 class Surface(eqx.Module):
-    """The part of a hit that is kept until the colours of its children are known.
-
-    Args:
-        local: ambient light, diffuse light and highlights.
-    """
-
-    local: Vectors
+    local: Vectors  # Ambient light, diffuse light and highlights.
     mirror: Scalars
     through: Scalars
 
 
 def shade(
-    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
+    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes
 ) -> tuple[Surface, Children]:
     """Light of its own at each hit, and the rays that it sends on.
 
@@ -50,7 +43,7 @@ def shade(
     entering = cos < 0
     n = facing(hits.n, entering)
 
-    local = local_light(hits, nodes_of(hits, d, nodes), entering, m, world, settings)
+    local = local_light(hits, nodes, entering, m, world, settings)
 
     # The mirror ray's weight, and what it leaves for the transmitted ray.
     cos_theta_i = jnp.abs(cos)
@@ -59,8 +52,8 @@ def shade(
 
     # Total reflection lets nothing through and adds nothing; a footprint may straddle where it begins.
     eta = media.eta
-    transmitted, _, total = refract(d, hits.n, eta, nodes and nodes.spread)
-    open_fraction = jnp.where(total, 0, 1).astype(mirror.dtype) if nodes is None else 1 - total_fraction(nodes, eta)
+    transmitted, _, total = refract(d, hits.n, eta, nodes.spread)
+    open_fraction = jnp.where(total, 0, 1).astype(mirror.dtype) if nodes.single else 1 - total_fraction(nodes, eta)
     through = jnp.where(hits.valid, (1 - mirror) * m.transmission * open_fraction, 0)
     transmits = hits.valid & (m.transmission > 0) & (open_fraction > 0)
 
@@ -69,7 +62,7 @@ def shade(
 
 
 def off_surface(n: Vectors, world: World) -> Vectors:
-    """The way off a surface by which rays start: the report's thousandth of a unit of length."""
+    # The report starts rays a thousandth of a unit of length off a surface.
     return 1e-3 * world.unit * n
 
 
@@ -103,7 +96,6 @@ def local_light(hits: Hits, nodes: Nodes, entering: Flags, m: Any, world: World,
 
 
 def facing(n: Vectors, entering: Bool[Array, " *#rays"]) -> Vectors:
-    """Normals turned to face the ray."""
     return jnp.where(entering, n, -n)
 
 
@@ -114,12 +106,10 @@ def media_at(world: World, hits: Hits, entering: Flags, settings: ResolvedSettin
 
 
 def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
-    """The colour of each hit, given the colours of the rays that it sent on (black for none)."""
     return surface.local + surface.mirror * reflected + surface.through * transmitted
 
 
 def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
-    """About how much the reflected and the transmitted ray of each hit count in its colour."""
     return surface.mirror, surface.through
 
 

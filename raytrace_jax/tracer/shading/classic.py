@@ -16,36 +16,24 @@ from raytrace_jax.scene.scene import PointLights
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.lights import LightSample, over_lights
-from raytrace_jax.tracer.shading.model import Children, Media, Model, black
-from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_fractions, total_fraction
+from raytrace_jax.tracer.shading.model import Children, LightSample, Media, Model, black, over_lights
+from raytrace_jax.tracer.shading.quadrature import mean, positive_fractions, total_fraction
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import any_nonzero, clamp01, dot, materialize
 
 
 class Surface(eqx.Module):
-    """The part of a hit that is kept until the colours of its children are known.
-
-    Args:
-        local: ambient and diffuse light, clamped.
-        highlight: specular light of the point lights, summed.
-        diffuse: scales `local` once more where there is a mirror ray.
-        mirror, alpha: weights of the reflected ray in the specular step, and of what shines through.
-        reflectance: fraction of the reflected ray in what shines through; one under total internal reflection.
-        shiny: the mirror step applies.
-    """
-
-    local: Vectors
-    highlight: Vectors
-    diffuse: Vectors
-    mirror: Vectors
-    alpha: Scalars
-    reflectance: Scalars
-    shiny: Flags
+    local: Vectors  # Ambient and diffuse light, clamped.
+    highlight: Vectors  # Specular light of the point lights, summed.
+    diffuse: Vectors  # Scales `local` once more where there is a mirror ray.
+    mirror: Vectors  # Weight of the reflected ray in the specular step.
+    alpha: Scalars  # Weight of what shines through.
+    reflectance: Scalars  # Fraction of the reflected ray in what shines through; one under total internal reflection.
+    shiny: Flags  # The mirror step applies.
 
 
 def shade(
-    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
+    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes
 ) -> tuple[Surface, Children]:
     """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need.
 
@@ -59,12 +47,12 @@ def shade(
     ambient = clamp01(m.ambient / jnp.where(hits.valid, hits.path_length, 1))
 
     # Steps 3 and 6: point lights, without shadows, falling off with 1/r.
-    diffuse_light, specular_light = light_sums(nodes_of(hits, d, nodes), hits.valid, world.lights)
+    diffuse_light, specular_light = light_sums(nodes, hits.valid, world.lights)
     local = clamp01(ambient + diffuse_light * m.diffuse)
 
     # Step 5: refraction.
     eta = media.eta
-    transmitted, cos_theta_t, total = refract(d, n, eta, nodes and nodes.spread)
+    transmitted, cos_theta_t, total = refract(d, n, eta, nodes.spread)
 
     # Which rays to send on. A transparent surface that reflects totally sends the reflected ray in place of both.
     # What the switches of the settings leave out is taken away afterwards.
@@ -83,7 +71,7 @@ def shade(
     else:
         wants_reflected = wants_reflected & ~(total & ~shiny)
         reflectance = jnp.where(total, 0, reflectance)
-    if nodes is not None and settings.reflectance == "none" and settings.total_internal_reflection:
+    if not nodes.single and settings.reflectance == "none" and settings.total_internal_reflection:
         # Without a Fresnel weight the picture jumps at the critical angle, which a footprint may straddle.
         reflectance = jnp.where(transparent, total_fraction(nodes, eta), 0)
         wants_reflected = shiny | (reflectance > 0)
@@ -102,7 +90,7 @@ def media_at(world: World, hits: Hits, entering: Flags, settings: ResolvedSettin
 
 
 def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
-    """Steps 4 to 6: the colour of each hit, given the colours of the rays that it sent on (black for none)."""
+    """Steps 4 to 6."""
     mirrored = clamp01(surface.diffuse * surface.local + surface.mirror * reflected)
     color = jnp.where(surface.shiny, mirrored, surface.local)
 
@@ -114,7 +102,6 @@ def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vecto
 
 
 def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
-    """About how much the reflected and the transmitted ray of each hit count in its colour: for the largest channel."""
     mirror = jnp.where(surface.shiny, functools.reduce(jnp.maximum, surface.mirror), 0)
     reflected = mirror + surface.alpha * (surface.reflectance - mirror)
     return reflected, surface.alpha * (1 - surface.reflectance)

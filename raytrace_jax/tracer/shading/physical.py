@@ -33,44 +33,35 @@ from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.image_texture import environment_colors
-from raytrace_jax.tracer.shading.lights import LightSample, light_fractions, over_lights
-from raytrace_jax.tracer.shading.model import Children, Media, Model, black
-from raytrace_jax.tracer.shading.quadrature import mean, nodes_of
+from raytrace_jax.tracer.shading.model import Children, LightSample, Media, Model, black, light_fractions, over_lights
+from raytrace_jax.tracer.shading.quadrature import mean
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, dot_fixed, materialize, per_ray, vectors_to
 
 
 class Surface(eqx.Module):
-    """The part of a hit that is kept until the colours of its children are known.
-
-    Args:
-        local: emission and diffuse light.
-        transmittance: what the way to the hit lets through.
-    """
-
-    local: Vectors
+    local: Vectors  # Emission and diffuse light.
     mirror: Scalars
     through: Scalars
-    transmittance: Vectors
+    transmittance: Vectors  # What the way to the hit lets through.
 
 
 def shade(
-    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
+    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes
 ) -> tuple[Surface, Children]:
     """Light of its own at each hit, and the rays that it sends on; Fresnel's weight is the mean over `nodes`."""
     d, n = rays.d, hits.n
     entering = dot(d, n) < 0
 
     # How the light is divided, and where it goes on.
-    transmitted, _, total = refract(d, n, media.eta, nodes and nodes.spread)
-    at = nodes_of(hits, d, nodes)
-    reflectance = mean(reflected_share(jnp.abs(dot(at.d, at.n)), media.eta))
+    transmitted, _, total = refract(d, n, media.eta, nodes.spread)
+    reflectance = mean(reflected_share(jnp.abs(dot(nodes.d, nodes.n)), media.eta))
     opaque = 1 - m.transmission
     mirror = jnp.where(hits.valid, m.transmission * reflectance + opaque * m.reflectivity, 0)
     through = jnp.where(hits.valid & ~total, m.transmission * (1 - reflectance), 0)
 
     assert media.transmittance is not None, "this model has media"
-    local = m.emission + opaque * m.diffuse * lambert_light(hits, at, entering, world, settings)
+    local = m.emission + opaque * m.diffuse * lambert_light(hits, nodes, entering, world, settings)
     surface = Surface(jnp.where(hits.valid, local, 0), mirror, through, media.transmittance)
     return surface, Children(mirror > 0, through > 0, reflect(d, n), transmitted, entering)
 
@@ -96,12 +87,10 @@ def lambert_light(hits: Hits, nodes: Nodes, entering: Flags, world: World, setti
 
 
 def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
-    """The colour of each hit, given the colours of the rays that it sent on (black for none)."""
     return surface.transmittance * (surface.local + surface.mirror * reflected + surface.through * transmitted)
 
 
 def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
-    """The weights of the reflected and the transmitted ray in the colour of each hit: in the largest channel."""
     left = functools.reduce(jnp.maximum, surface.transmittance)
     return left * surface.mirror, left * surface.through
 
@@ -151,7 +140,6 @@ def innermost(world: World, hits: Hits) -> tuple[Int[Array, "2 *rays"], Pairs]:
 
 
 def is_inside(p: Vectors, shape: Shapes) -> Flags:
-    """Whether points lie within one shape, where its function F is negative."""
     toward = vectors_to(shape.position, p)
     height = -dot_fixed(shape.normal, toward)
     return height + shape.curvature / 2 * (dot(toward, toward) - shape.radius * shape.radius) < 0
@@ -164,7 +152,6 @@ def sizes(world: World) -> Float[Array, " shapes"]:
 
 
 def index_of(world: World, medium: Integers) -> Scalars:
-    """The index of refraction of each medium; 1 where there is no glass."""
     return jnp.where(medium == NO_SHAPE, 1.0, take_column(world.materials.ior, jnp.maximum(medium, 0)))
 
 

@@ -6,14 +6,13 @@ so many that a mean over each is simple.
 
 import functools
 import operator
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import Scalars, Vectors
+from raytrace_jax.tracer.geometry.intersection import Nodes
+from raytrace_jax.tracer.geometry.rays import Scalars
 from raytrace_jax.util.numerics import clamp01, dot
 
 
@@ -47,29 +46,11 @@ def mean(values: Float[Array, "*nodes rays"]) -> Scalars:
     return values if values.ndim == 1 else functools.reduce(operator.add, values) * (1 / len(values))
 
 
-def nodes_of(hits: Hits, d: Vectors, nodes: Nodes | None) -> Nodes:
-    """The nodes; the hits themselves where there are none."""
-    return Nodes(hits.p, hits.n, d) if nodes is None else nodes
+def parts(axes: Float[Array, "2 coordinates *rays"], n: int) -> tuple[Array, Array]:
+    """The n x n parts of footprints, n even; long footprints have 2 n along the length and n / 2 across.
 
-
-class Parts(NamedTuple):
-    """Parallelograms side by side that make up a larger one.
-
-    Args:
-        middles: the parts' middles, from the middle of the whole.
-        axes: derivatives along the axes of each part, the longer one first: it reaches half of them to both sides.
-    """
-
-    middles: Float[Array, "parts coordinates *rays"]
-    axes: Float[Array, "2 coordinates *rays"]
-
-
-def parts(axes: Float[Array, "2 coordinates *rays"], n: int) -> Parts:
-    """The n x n parts of footprints; long footprints have 2 n along the length and n / 2 across.
-
-    Args:
-        axes: derivatives along the two axes of each footprint, in coordinates of one unit.
-        n: an even number.
+    Returns:
+        The parts' middles, "parts coordinates *rays", and the derivatives along the axes of each, the longer one first.
     """
     squares = [sum(component * component for component in axis) for axis in axes]
     swapped = squares[1] > squares[0]
@@ -85,4 +66,4 @@ def parts(axes: Float[Array, "2 coordinates *rays"], n: int) -> Parts:
     along, across = jnp.where(long, middles(n // 2), middles(n))
     offsets = along[:, None] * first + across[:, None] * second
     sizes = jnp.where(long, 1 / (2 * n), 1 / n), jnp.where(long, 2 / n, 1 / n)
-    return Parts(offsets, jnp.stack([sizes[0] * first, sizes[1] * second]))
+    return offsets, jnp.stack([sizes[0] * first, sizes[1] * second])

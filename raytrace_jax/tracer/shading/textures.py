@@ -26,33 +26,19 @@ from raytrace_jax.util.numerics import clamp01, dot, instantiated, is_zero, per_
 
 
 class Textures(eqx.Module):
-    """The textures of a scene.
-
-    Args:
-        pyramids: of each image; of one level where only points are looked up.
-        of_shape: of each shape in the order of the file the column of its texture, or `NO_BLOCK`.
-        column: the group and the place in it of each texture, as columns count them.
-    """
-
     checkers: Checkers
     images: Images
-    pyramids: tuple[Pyramid, ...]
-    of_shape: tuple[int, ...] = eqx.field(static=True)
-    column: tuple[tuple[str, int], ...] = eqx.field(static=True)
+    pyramids: tuple[Pyramid, ...]  # Of each image; of one level where only points are looked up.
+    of_shape: tuple[int, ...] = eqx.field(static=True)  # The column of each shape's texture, or `NO_BLOCK`.
+    column: tuple[tuple[str, int], ...] = eqx.field(static=True)  # The group of each texture, and its place in it.
 
 
 class Place(NamedTuple):
-    """The position of a hit on its shape, and how that changes over the footprint.
-
-    Args:
-        along: along the shape's two directions from its position, in world units.
-        half: half the shape's size along these.
-        axes: derivatives of `along` along the footprint's two axes, "axis direction"; None for points.
-    """
+    """The position of a hit on its shape along the shape's two directions, in world units."""
 
     along: Pairs
-    half: Pairs
-    axes: Float[Array, "2 2 *rays"] | None
+    half: Pairs  # Half the shape's size.
+    axes: Float[Array, "2 2 *rays"] | None  # Derivatives over the footprint, "axis direction"; None for points.
 
 
 def prepare_pyramids(scene: Scene, edges: EdgeMode | None) -> tuple[Pyramid, ...]:
@@ -62,7 +48,6 @@ def prepare_pyramids(scene: Scene, edges: EdgeMode | None) -> tuple[Pyramid, ...
 
 
 def prepare_textures(scene: Scene, pyramids: tuple[Pyramid, ...]) -> Textures | None:
-    """The textures of a scene, None where it has none, with the pyramids of its pictures."""
     found = blocks_of(scene, "texture")
     if not found:
         return None
@@ -72,11 +57,7 @@ def prepare_textures(scene: Scene, pyramids: tuple[Pyramid, ...]) -> Textures | 
 
 
 def texture_colors(textures: Textures, shapes: Shapes, hits: Hits, footprint: Axes | None) -> Vectors:
-    """The colour of the texture at each hit, 1 where there is none.
-
-    Args:
-        footprint: derivatives of the hit point along the axes of the area that each hit stands for; None for points.
-    """
+    """The colour of the texture at each hit, 1 where there is none; `footprint` has the hit point's derivatives."""
     place = place_on(take(shapes, hits.shape), hits, footprint)
     color = jnp.ones_like(hits.p)
     for column in sorted(set(textures.of_shape) - {NO_BLOCK}):
@@ -103,7 +84,6 @@ def place_on(shape: Shapes, hits: Hits, footprint: Axes | None) -> Place:
 
 
 def checker_color(textures: Textures, entry: int, place: Place) -> Vectors:
-    """The colour of a checker at positions."""
     checkers, ray_axes = textures.checkers, place.along.ndim - 1
     square, offset = checkers.square[entry], checkers.offset[:, entry].reshape(2, *(1,) * ray_axes)
     fraction = checker_fraction(place.along, place.axes, square, offset)
@@ -112,7 +92,6 @@ def checker_color(textures: Textures, entry: int, place: Place) -> Vectors:
 
 
 def image_color(textures: Textures, entry: int, place: Place) -> Vectors:
-    """The colour of a picture at positions."""
     images, pyramid = textures.images, textures.pyramids[entry]
     kind, wrap = images.filter[entry], images.wrap[entry]
     # What has no end has no mapping: these hits are another texture's.
@@ -130,23 +109,15 @@ LOOK_UPS: dict[str, Callable[[Textures, int, Place], Vectors]] = {"checkers": ch
 # the square wave s(x), 1 from 0 to 1 and -1 from 1 to 2, its fraction is (1 + s(x) s(y)) / 2.
 
 
-def checker_fraction(
-    position: Pairs,
-    axes: Float[Array, "2 2 *rays"] | None,
-    square: Float[Array, " *#rays"],
-    offset: Float[Array, "2 *#rays"],
-) -> Scalars:
+def checker_fraction(position: Pairs, axes: Array | None, square: Array, offset: Array) -> Scalars:
     """The fraction of the first colour in parallelograms; at points it is 0 or 1, and its derivative 0.
 
     The mean of s(x) s(y) over a part is E[s(x)] E[s(y)] + cov(x, y) E[s'(x)] E[s'(y)]: Price's theorem to first
     order in the covariance, without which it would hold for parts along x and y only.
 
     Args:
-        position: the middles, on the surface in units of length.
         axes: derivatives of the position along a footprint's two axes (axis, coordinate); it reaches half of them both
             ways. None for points.
-        square: length of a side.
-        offset: where a square of the first colour has its corner.
     """
     place = (position - offset) / square
     if axes is None:
@@ -160,7 +131,6 @@ def checker_fraction(
 
 @jax.custom_jvp
 def mean_product(place: Pairs, axes: Float[Array, "2 2 *rays"]) -> Scalars:
-    """The mean of s(x) s(y) over parallelograms, in squares."""
     return _mean_and_slopes(place, axes)[0]
 
 
@@ -178,11 +148,9 @@ mean_product.defjvp(with_lower_ranks(_mean_product_jvp), symbolic_zeros=True)
 
 
 def _mean_and_slopes(place: Pairs, axes: Float[Array, "2 2 *rays"]) -> tuple[Scalars, Pairs]:
-    """The mean of s(x) s(y) over parallelograms, and its derivatives by place."""
-    divided = parts(axes, 4)
-    first, second = divided.axes
-    value, slope, bend = _square_wave(place[:, None] + jnp.moveaxis(divided.middles, 0, 1), first, second)
-    covariance = jnp.sum(jnp.prod(divided.axes, axis=1), 0) / 12
+    middles, sides = parts(axes, 4)
+    value, slope, bend = _square_wave(place[:, None] + jnp.moveaxis(middles, 0, 1), *sides)
+    covariance = jnp.sum(jnp.prod(sides, axis=1), 0) / 12
     terms = jnp.prod(value, 0) + covariance * jnp.prod(slope, 0)
     slopes = slope * value[::-1] + covariance * bend * slope[::-1]
     # A product with equal weights is one kernel: of sums of slices XLA computes all parts anew in each.
@@ -191,12 +159,11 @@ def _mean_and_slopes(place: Pairs, axes: Float[Array, "2 2 *rays"]) -> tuple[Sca
     return each[0], jnp.stack(each[1:])
 
 
-Wave = tuple[Float[Array, "2 parts *rays"], Float[Array, "2 parts *rays"], Float[Array, "2 parts *rays"]]
-"""The mean of the square wave along x and along y, its slope, and how the slope changes."""
+def _square_wave(x: Float[Array, "2 parts *rays"], a: Pairs, b: Pairs) -> tuple[Array, ...]:
+    """The mean of the square wave over the trapezoids that a parallelogram with extents a and b has on x and on y.
 
-
-def _square_wave(x: Float[Array, "2 parts *rays"], a: Pairs, b: Pairs) -> Wave:
-    """The wave over the trapezoids that a parallelogram with extents a and b has on x and on y."""
+    And its slope, and how the slope changes.
+    """
     a, b = jnp.abs(a), jnp.abs(b)
     # The lesser extent counts as at least so much of the larger one: differences are divided by both.
     least_ratio = 3e-3
@@ -208,7 +175,7 @@ def _square_wave(x: Float[Array, "2 parts *rays"], a: Pairs, b: Pairs) -> Wave:
     return select((wide + narrow < 1)[:, None], near, far)
 
 
-def _at_one_edge(x, wide, narrow) -> Wave:
+def _at_one_edge(x, wide, narrow) -> tuple[Array, ...]:
     """The wave where no more than the nearest edge is seen: the mean over `narrow` of a ramp as wide as `wide`."""
     edge = jnp.round(x)
     sign = (1 - 2 * (jnp.abs(edge) % 2)) / narrow
@@ -222,7 +189,7 @@ def _at_one_edge(x, wide, narrow) -> Wave:
     return sign * (ramp + (high - end) - (start - low)), steep * (end - start), steep * moves
 
 
-def _at_many_edges(x, wide, narrow) -> Wave:
+def _at_many_edges(x, wide, narrow) -> tuple[Array, ...]:
     """Second differences of integrals of the wave: well conditioned for wide ones, whatever the number of edges."""
     i, j, sign = jnp.asarray([(i, j, i * j) for i in (0.5, -0.5) for j in (0.5, -0.5)], x.dtype).T
     i, j, sign = (side.reshape(4, *(1,) * x.ndim) for side in (i, j, 4 * sign))

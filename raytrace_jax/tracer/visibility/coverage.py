@@ -19,43 +19,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from raytrace_jax.tracer.geometry import shapes
 from raytrace_jax.tracer.geometry.rays import Flags, Pairs, Rays, Scalars
-from raytrace_jax.tracer.geometry.shapes import (
-    Approach,
-    Edge,
-    Shapes,
-    fraction_of_radius,
-    surface_normal,
-    surface_value,
-)
+from raytrace_jax.tracer.geometry.shapes import Approach, Edge, Shapes
 from raytrace_jax.util.numerics import TINY_32, dot, select
 
 
 class SurfaceAhead(eqx.Module):
-    """A surface that each ray meets.
-
-    Args:
-        side: sign of the cosine of incidence, as in `shapes.divisor`.
-    """
-
     shape: Shapes
     curved: Flags
     t: Scalars
-    side: Scalars
+    side: Scalars  # Sign of the cosine of incidence, as in `shapes.divisor`.
     approach: Approach
-
-
-def facing_side(rays: Rays, shape: Shapes, curved: Flags, outside: Flags) -> Scalars:
-    """The sign of the cosine of incidence: -1 for what faces the ray, as a ball does that is seen from `outside`."""
-    # For a ball by definition: where the ray only just touches it the cosine is 0, and rounding would choose its sign.
-    flat = jnp.where(dot(shape.normal, rays.d) < 0, -1, 1)
-    return jnp.where(curved, jnp.where(outside, -1, 1), flat).astype(rays.o.dtype)
-
-
-def path_end(rays: Rays, t: Scalars, approach: Approach, path_limit: float) -> Edge:
-    """The edge where a path becomes too long and ends in black."""
-    # The event function is what is left of the path. It shrinks as fast as the distance grows.
-    return Edge(jnp.ones_like(t, bool), path_limit - rays.path_length - t, -approach.slope, approach.fraction)
 
 
 def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists: Flags) -> Edge:
@@ -81,15 +56,15 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
     # Positive where `near` is first: the other point is inside of the nearer sphere, or outside of the one behind.
     sign = jnp.where(by_near, -1, 1)
     # Chain rule over the footprint: F changes with the point, which moves across the ray and along it.
-    n = surface_normal(fixed_rays.o + fixed_t * fixed_rays.d, fixed_sphere)
+    n = shapes.surface_normal(fixed_rays.o + fixed_t * fixed_rays.d, fixed_sphere)
     cos = dot(n, fixed_rays.d)
     footprint = rays.beam.footprint
     slope = sign * (jnp.sum(n * (footprint.o + fixed_t * footprint.d), 1) + cos * other.slope)
     by_function = by_near | by_behind
-    value = jnp.where(by_function, sign * surface_value(rays.o + t * rays.d, sphere), behind.t - near.t)
+    value = jnp.where(by_function, sign * shapes.surface_value(rays.o + t * rays.d, sphere), behind.t - near.t)
     fraction = jnp.where(
         by_function,
-        jnp.minimum(fraction_of_radius(slope, fixed_sphere.radius), other.fraction),
+        jnp.minimum(shapes.fraction_of_radius(slope, fixed_sphere.radius), other.fraction),
         jnp.minimum(near.approach.fraction, behind.approach.fraction),
     )
     slope = jnp.where(by_function, slope, behind.approach.slope - near.approach.slope)
@@ -116,36 +91,26 @@ def edge_distance(edge: Edge):
     return fixed + fraction * (distance - fixed), direction, fraction, unit
 
 
-def most_central(edges: tuple[Edge, ...]):
-    """The edge with the smallest signed distance, and `edge_distance` of it; edges that do not exist come last.
+def most_central(edges: list[Edge]):
+    """`edge_distance` of the edge whose signed distance is smallest.
 
-    The distance is negative where the footprint's centre lies beyond the edge.
+    Signed, not absolute: an edge beyond which the centre lies hides the surface there, whatever the others do.
     """
-    candidates = []
-    for edge in edges:
-        distance, *rest = edge_distance(edge)
-        # An edge that does not exist is far away: edges cut footprints at distances below 1.
-        candidates.append((jnp.where(edge.exists, distance, 1e6), *rest))
 
     def nearer(best, other):
         return tuple(jnp.where(other[0] < best[0], new, old) for new, old in zip(other, best, strict=True))
 
-    # Signed, not absolute: an edge beyond which the centre lies hides the surface there, whatever the others do.
-    return functools.reduce(nearer, candidates)
+    found = [(edge, *edge_distance(edge)) for edge in edges]
+    # An edge that does not exist is far away: edges cut footprints at distances below 1.
+    return functools.reduce(nearer, [(jnp.where(edge.exists, d, 1e6), *rest) for edge, d, *rest in found])
 
 
 class Cut(eqx.Module):
-    """A pixel cut in two by an edge: the near part, where the edge's distance is positive, and the far part.
+    """A pixel cut in two by an edge: the near part, where the edge's distance is positive, and the far part."""
 
-    Args:
-        area: fraction of the near part in the pixel.
-        shift: positions of both parts' centroids along the edge's normal, in pixels from the pixel's centre.
-        width: standard deviations of both parts along the normal, as fractions of the whole pixel's.
-    """
-
-    area: Scalars
-    shift: Pairs
-    width: Pairs
+    area: Scalars  # Fraction of the near part in the pixel.
+    shift: Pairs  # Positions of both parts' centroids along the edge's normal, in pixels from the pixel's centre.
+    width: Pairs  # Standard deviations of both parts along the normal, as fractions of the whole pixel's.
 
 
 def reach(normal: Pairs) -> Scalars:
@@ -157,10 +122,9 @@ def reach(normal: Pairs) -> Scalars:
 def sides(normal: Pairs) -> tuple[Scalars, Scalars]:
     """Extents `a = |n_u|` and `b = |n_v|` of the pixel's sides along the edge's normal, each 0.03 at least.
 
-    The second difference divides by `a b`: in dtype epsilon e its area has an error of about `e / (a b)`. An edge that
-    is nearer to parallel with a side is turned by so much. On the border of two pixels, as between the course's walls
-    in pictures of even width, it belongs to each by half, and its distances from their middles are known only to a few
-    thousandths: not turned, both pixels could take all of it, or none.
+    The second difference divides by `a b`: its area has an error of about epsilon / (a b). An edge that is nearer to
+    parallel with a side is turned by so much: on the border of two pixels, as between the course's walls in pictures of
+    even width, both could otherwise take all of it, or none.
     """
     a, b = (jnp.maximum(jnp.abs(n), 0.03) for n in (normal[0], normal[1]))
     return a, b
@@ -177,13 +141,12 @@ def cut_pixel(d: Scalars, normal: Pairs) -> Cut:
     return Cut(area[0], side * mean - d, width)
 
 
-Moments = tuple[Pairs, Pairs, Pairs]
-"""Area of the part with q > 0, mean of q over it, and its width along the normal as a fraction of the pixel's."""
-
-
 @jax.custom_jvp
-def half_plane(d: Pairs, a: Scalars, b: Scalars) -> Moments:
-    """The moments of parts of pixels whose sides extend by `a` and `b` along the normal; widths are constants."""
+def half_plane(d: Pairs, a: Scalars, b: Scalars) -> tuple[Pairs, Pairs, Pairs]:
+    """Area of the part with q > 0, mean of q over it, and its width along the normal as a fraction of the pixel's.
+
+    The sides extend by `a` and `b` along the normal; widths are constants.
+    """
     return _moments(d, a, b)[0]
 
 
@@ -193,7 +156,7 @@ def _half_plane_jvp(primals, tangents):
     return found, (*(slope * tangents[0] for slope in slopes), jnp.zeros_like(found[2]))
 
 
-def _moments(d, a, b) -> tuple[Moments, tuple[Array, Array]]:
+def _moments(d, a, b) -> tuple[tuple[Pairs, Pairs, Pairs], tuple[Array, Array]]:
     """The moments by second differences, and the derivatives of area and mean by the distance.
 
     With `F_k(x) = max(x, 0)^k / k!`, and the square's corners at distances x_i from the edge with signs s_i = u_i v_i,

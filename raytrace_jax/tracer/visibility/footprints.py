@@ -85,11 +85,7 @@ def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Axes) -> Nodes:
 
 
 def cosine_spread(d: Vectors, n: Vectors, d_moves: Axes, n_moves: Axes) -> Scalars:
-    """The range of the squared cosine of incidence over footprints, to first order, as `Nodes` has it.
-
-    Args:
-        d_moves, n_moves: how both change from there to the nodes, along the two axes.
-    """
+    """The range of the squared cosine of incidence over footprints, to first order; `moves` are those to the nodes."""
     changes = jnp.sum(n * d_moves + d * n_moves, 1)
     variance = jnp.sum(changes * changes, 0)
     # The square of a cosine changes by twice the cosine times its change. What is uniform and as wide as w has the
@@ -104,11 +100,7 @@ def spread_squared(d_axes: Axes) -> Pairs:
 
 
 def wants_subdivision(rays: Rays, spread: Pairs, may_split: Flags, settings: ResolvedSettings) -> tuple[Flags, Flags]:
-    """The rays that are better subdivided, and those of them along the footprint's second axis.
-
-    Args:
-        spread: for both axes the squares of the scattered rays' spreads, each times its ray's weight.
-    """
+    """The rays that are better subdivided, and those along the footprint's second axis; `spread` is weighted."""
     # The axis along which the linear footprint is worst is cut. The error falls with the square of its length.
     second = spread[1] > spread[0]
     worst = jnp.where(second, spread[1], spread[0])

@@ -39,48 +39,32 @@ import jax
 import jax.numpy as jnp
 
 from raytrace_jax.scene.scene import least_distance
+from raytrace_jax.tracer.geometry import shapes as surfaces
 from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Footprint, Integers, Number, Rays, Scalars, take
-from raytrace_jax.tracer.geometry.shape_types import Index, by_type, fold_shapes, is_curved, present_types
-from raytrace_jax.tracer.geometry.shapes import (
-    GRAZING,
-    Edge,
-    Shapes,
-    ShapeType,
-    approach,
-    hit_distance,
-    is_within,
-    surface_normal,
-)
+from raytrace_jax.tracer.geometry.shape_types import Index, by_type, fold_shapes, present_types
+from raytrace_jax.tracer.geometry.shapes import GRAZING, Edge, Shapes, ShapeType, hit_distance
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.visibility import coverage
 from raytrace_jax.util.numerics import dot, materialize, safe_normalize, select, unstacked
 
 
 class Nearest(eqx.Module):
-    """A candidate surface of each ray.
-
-    Args:
-        code: the index of the shape and, in the last two bits, `outside` and `centered`: in one number, so that a
-            comparison moves two numbers and not four.
-    """
-
     t: Scalars
+    # The index of the shape or `NO_SHAPE` and, in the last two bits, what `Sighting` has: in one number, so that a
+    # comparison moves two numbers and not four.
     code: Integers
 
     @property
     def shape(self) -> Integers:
-        """Index of the shape, or `NO_SHAPE`."""
         return self.code >> 2
 
     @property
     def outside(self) -> Flags:
-        """It is a curved shape that is seen from outside of it."""
         return self.code & 2 != 0
 
     @property
     def centered(self) -> Flags:
-        """The footprint's centre sees it, not only a part beyond its edge."""
         return self.code & 1 != 0
 
 
@@ -92,9 +76,13 @@ def find_two_nearest(
     A ball whose silhouette the centre just misses counts at the first distance at which the footprint may meet it.
     """
 
+    def spread(one):
+        count = rays.path_length.shape
+        return jnp.broadcast_to(one.reshape(one.shape + (1,) * len(count)), one.shape + count)
+
     # What one shape says: how far away a footprint meets it; infinity where it does not, or has gone past its edge.
     def ask(shape_type: ShapeType, index: Index) -> Nearest:
-        shape = one_shape(shapes, index, rays.path_length.shape)
+        shape = jax.tree.map(spread, jax.tree.map(lambda table: table[..., index], shapes))
         found = shape_type.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
         seen = found.seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
         seen = seen if shape.hidden is None else seen & ~shape.hidden
@@ -119,36 +107,16 @@ def find_two_nearest(
     return fold_shapes(shapes.types, ask, put_in_order, (nothing, nothing), lambda all_: materialize(all_, live))
 
 
-def one_shape(shapes: Shapes, index: Index, rays: tuple[int, ...]) -> Shapes:
-    """One shape, repeated for every ray."""
-
-    def spread(table):
-        return jnp.broadcast_to(table[..., index].reshape(table.shape[:-1] + (1,) * len(rays)), table.shape[:-1] + rays)
-
-    return jax.tree.map(spread, shapes)
-
-
-class View(eqx.Module):
-    """The first view of each ray's footprint.
-
-    Args:
-        si: the nearest surface, at the centroid of the part of the footprint that sees it.
-        rays: the rays moved to that centroid, with the part as their footprint.
-        coverage: fraction of the footprint that sees it, in [0, 1].
-    """
-
-    si: Hits
-    rays: Rays
-    coverage: Scalars
-    passes: Flags
-    past: Rays
-
-
-def look(shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number, settings: ResolvedSettings) -> View:
+def look(
+    shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number, settings: ResolvedSettings
+) -> tuple[Hits, Rays, Scalars, Flags, Rays]:
     """Find what each ray's footprint sees first, and split it at the edge of the smallest signed distance.
 
-    Args:
-        may_pass: which rays have a further level for what is past an edge; without one edges are not split.
+    Only rays that `may_pass`, which have a further level for what is past an edge, are split.
+
+    Returns:
+        The nearest surface at the centroid of the part that sees it; the rays moved to there, with the part as their
+        footprint; the fraction of the footprint that it is; which are split, and the rays of the other part.
     """
     # The nearest surface that any part of a footprint sees, the one behind it, and the edge between them.
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
@@ -164,15 +132,21 @@ def look(shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number,
     surface, behind = (jax.tree.map(operator.itemgetter((..., k, slice(None))), met) for k in range(2))
     between = materialize(coverage.occlusion_edge(rays, surface, behind, behind_exists), live)
     # A sphere whose rim the centre just misses may lie behind the other surface wherever the footprint sees it.
-    hidden = behind_exists & ~nearest.centered & ~is_within(between)
+    hidden = behind_exists & ~nearest.centered & ~surfaces.is_within(between)
     nearest, surface = select(hidden, (second, behind), (nearest, surface))
 
     # One edge, of the smallest signed distance, cuts the footprint in two; others are left to the rays of both parts.
-    edges = own_edges(rays, surface, nearest.outside, settings)
+    edges, t, near = list[Edge](), surface.t, surface.approach
+    for number, shape_type in present_types(surface.shape):
+        mine = surface.shape.type == number
+        for edge in shape_type.edges(rays, surface.shape, mine, nearest.outside, t, near, settings):
+            edges.append(eqx.tree_at(lambda e: e.exists, edge, edge.exists & mine))
     if settings.has_path_limit:
-        edges.append(coverage.path_end(rays, surface.t, surface.approach, settings.path_limit))
+        # A path that becomes too long ends in black: what is left of it shrinks as fast as the distance grows.
+        left = settings.path_limit - rays.path_length - t
+        edges.append(Edge(jnp.ones_like(found), left, -near.slope, near.fraction))
     edges.append(eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden))
-    distance, direction, fraction, step = materialize(coverage.most_central(tuple(edges)), live)
+    distance, direction, fraction, step = materialize(coverage.most_central(edges), live)
     # Where it does not cut, the centre decides alone. The distance 2 is beyond any footprint's reach: all is near.
     cuts = found & (jnp.abs(distance) < coverage.reach(direction)) & may_pass
     present = found & (cuts | (distance > 0))
@@ -198,7 +172,7 @@ def look(shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number,
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
     throughput = rays.throughput * jax.lax.stop_gradient(1 - cut.area)
     past = eqx.tree_at(lambda r: (r.beam.passed, r.throughput), far, (passed, throughput))
-    return View(hits, near, jnp.where(cuts, cut.area, 1), cuts, past)
+    return hits, near, jnp.where(cuts, cut.area, 1), cuts, past
 
 
 def hit_surface(
@@ -210,15 +184,11 @@ def hit_surface(
     present: Flags,
     settings: ResolvedSettings,
 ) -> Hits:
-    """The hit of each ray on the surface that it is known to meet.
-
-    Args:
-        least_cos: the cosine of incidence below which a derivative grows no further.
-    """
+    """The hit of each ray on the surface that it is known to meet."""
     shape, side = surface.shape, surface.side
     t = hit_distance(jnp.where(present, t, 1), rays.o, rays.d, shape, least_cos, side)
     p = rays.o + t * rays.d
-    n = surface_normal(p, shape)
+    n = surfaces.surface_normal(p, shape)
     # A sphere keeps its side to the ray, also where the shifted ray only just misses it: rounding must not decide. What
     # the cosine lacks of its least value is added to the normal along the ray.
     n = safe_normalize(n)
@@ -230,30 +200,19 @@ def hit_surface(
 
 
 def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Flags) -> coverage.SurfaceAhead:
-    """The surface that each ray is known to meet, with a differentiable distance."""
     shape = take(shapes, jnp.maximum(nearest.shape, 0))
-    curved = is_curved(shape)
-    side = coverage.facing_side(jax.lax.stop_gradient(rays), shape, curved, nearest.outside)
+    curved = shape.curvature > 0
+    # For a ball by definition: where the ray only just touches it the cosine is 0, and rounding would choose its sign.
+    flat = jnp.where(dot(shape.normal, rays.d) < 0, -1, 1)
+    side = jnp.where(curved, jnp.where(nearest.outside, -1, 1), flat).astype(rays.o.dtype)
     t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING, side)
-    return coverage.SurfaceAhead(shape, curved, t, side, approach(rays, shape, t, side))
-
-
-def own_edges(rays: Rays, surface: coverage.SurfaceAhead, outside: Flags, settings: ResolvedSettings) -> list[Edge]:
-    """The edges that the surfaces have by themselves, of every type that is in the scene."""
-    found = []
-    for number, shape_type in present_types(surface.shape):
-        mine = surface.shape.type == number
-        for edge in shape_type.edges(rays, surface.shape, mine, outside, surface.t, surface.approach, settings):
-            found.append(eqx.tree_at(lambda e: e.exists, edge, edge.exists & mine))
-    return found
+    return coverage.SurfaceAhead(shape, curved, t, side, surfaces.approach(rays, shape, t, side))
 
 
 def move(rays: Rays, direction, fraction, cut: coverage.Cut, cuts) -> list[Rays]:
-    """Rays at the centroids of the near and the far part of their footprint, which become their footprints.
+    """Rays at the centroids of the near and the far part of the footprints that are cut, which become their footprints.
 
-    Args:
-        direction: the edge's unit normal in the footprint's own coordinates.
-        cuts: which footprints are cut; the others stay as they are.
+    `direction` is the edge's unit normal in the footprint's own coordinates.
     """
     footprint = rays.beam.footprint
 
