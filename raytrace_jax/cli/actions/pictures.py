@@ -2,7 +2,6 @@
 
 import itertools
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -43,16 +42,23 @@ def run_grad(command: Grad) -> int:
     with jax_session(command.render.precision):
         scene, settings = preparation.read_picture_scene(command, edges=command.edges)
         origin = settings.window(scene.camera.pixeldim)[:2]
-        names = scalar_names(scene, wrt)
+        scalar_names(scene, wrt)  # Refuses unknown names before the differences.
         preparation.warn_of_shared_materials(scene, wrt)
         differences = None
         if command.check:
             # First of all, because it refuses steps that a parameter cannot take.
             with Timer("finite differences", console) as timer:
-                done = _counter(timer, "finite difference")
-                differences = steady_differences(scene, wrt, settings, command.check_step, command.check_samples, done)
-        with Timer("derivatives", console) as timer:
-            found = picture_derivatives(scene, wrt, settings, _counter(timer, "derivative", f"/{len(names)}"))
+                numbers = itertools.count(1)
+                differences = steady_differences(
+                    scene,
+                    wrt,
+                    settings,
+                    command.check_step,
+                    command.check_samples,
+                    lambda name: timer.took(f"finite difference {next(numbers)} by {name}"),
+                )
+        with Timer("derivatives", console):
+            found = picture_derivatives(scene, wrt, settings)
         image, values = np.asarray(found.image), np.asarray(found.values)
         bad = masks.bad_pixels(image, values)
         if bad.any():
@@ -98,11 +104,6 @@ def check_numbers(
         | {"sum of derivative": float(derivative), "sum of difference": float(difference), "step": float(step)}
         for check, derivative, difference, step in zip(checks, *sums, differences.steps, strict=True)
     ]
-
-
-def _counter(timer: Timer, what: str, of: str = "") -> Callable[[str], None]:
-    numbers = itertools.count(1)
-    return lambda name: timer.took(f"{what} {next(numbers)}{of} by {name}")
 
 
 def run_gallery(command: Gallery) -> None:
