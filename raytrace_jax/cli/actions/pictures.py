@@ -48,14 +48,14 @@ def run_grad(command: Grad) -> int:
         if command.check:
             # First of all, because it refuses steps that a parameter cannot take.
             with Timer("finite differences", console) as timer:
-                numbers = itertools.count(1)
+                number = itertools.count(1)
                 differences = steady_differences(
                     scene,
                     wrt,
                     settings,
                     command.check_step,
                     command.check_samples,
-                    lambda name: timer.took(f"finite difference {next(numbers)} by {name}"),
+                    lambda name: timer.took(f"finite difference {next(number)} by {name}"),
                 )
         with Timer("derivatives", console):
             found = picture_derivatives(scene, wrt, settings)
