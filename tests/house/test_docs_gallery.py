@@ -33,7 +33,13 @@ def models_of(keyword, attribute):
     """The models to which an attribute of such blocks means something."""
     if keyword == "background":
         return [name for name, model in MODELS.items() if model.background is not black]
-    users = [a for kinds in BLOCK_TYPES.values() for kind in kinds for a in kind.attributes if a.refers_to == keyword]
+    users = [
+        a
+        for kinds in BLOCK_TYPES.values()
+        for kind in kinds
+        for a in kind.attributes
+        if (a.value_type, a.name) == ("name", keyword)
+    ]
     return [
         name
         for name in MODELS
