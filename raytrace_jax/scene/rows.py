@@ -99,7 +99,7 @@ class Description:
 
     def _value(self, name: str, attributes: list[Attribute], dtype: np.dtype) -> Any:
         """One value as the scene has it, of what its attribute can be: what it is meant for, any if it is none."""
-        value = self.values[name]
+        value: Any = self.values[name]
         attribute = next((attribute for attribute in attributes if attribute.takes(value)), attributes[0])
         is_word = isinstance(value, str | os.PathLike)
         if (value is None and attribute.is_optional) or (attribute.value_type == "file" and not is_word):
@@ -111,7 +111,7 @@ class Description:
         numbers: Any = value
         try:
             if attribute.value_type == "integer":
-                numbers = tuple(map(operator.index, value)) if attribute.components else operator.index(value)
+                numbers = tuple(map(operator.index, numbers)) if attribute.components else operator.index(numbers)
             array = as_array(numbers, attribute.shape, dtype if attribute.value_type == "number" else np.dtype(float))
         except TypeError:
             raise self.error(name, f"in {self}, {attribute.describe()}, {_got(value)}.") from None
@@ -232,7 +232,7 @@ def _namespace(keyword: str) -> str:
 def _struct(row: BlockType, blocks: list[Description], columns: dict[str, dict[str, int]], dtype: np.dtype) -> Any:
     entries: dict[str, Any] = {}
     for attribute in row.attributes:
-        values = [block.values[attribute.name] for block in blocks]
+        values: list[Any] = [block.values[attribute.name] for block in blocks]
         if attribute.value_type == "name":
             values = [_column(block, attribute.name, columns[attribute.name]) for block in blocks]
         elif attribute.value_type == "file":
