@@ -7,11 +7,11 @@
         build.sphere("ball", material="glass", center=(0, 0, 0), radius=1),
     )
 
-The constructors follow the table of blocks: `help(build.sphere)` tells what a sphere takes. Values are numbers, rows of
-numbers or JAX arrays; what is traced is not checked.
+`help(build.sphere)` tells what a sphere takes. Values are numbers, rows of numbers or JAX arrays; what is traced is not
+checked.
 """
 
-import inspect
+import functools
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -20,10 +20,8 @@ from typing import Any
 from jax.typing import DTypeLike
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.scene.assemble import assemble, floating
-from raytrace_jax.scene.rows import Description, Origin, describe
+from raytrace_jax.scene.rows import Description, assemble, describe, floating
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import BlockType, DerivedDefault
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, SETTINGS
 from raytrace_jax.util.text import did_you_mean, listed, quoted
@@ -52,20 +50,14 @@ def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: Mode
 def scene_from_dict(
     values: Mapping[str, Any], *, folder: str | os.PathLike[str] = ".", dtype: DTypeLike | None = None
 ) -> Scene:
-    """The scene of the values of `writer.scene_to_dict`.
+    """The scene of the values of `writer.scene_to_dict`, of which `model` may be missing.
 
-    Args:
-        values: `blocks`, and `model`, which may be missing.
-        folder: where the paths of pictures begin.
-
-    Raises:
-        SceneError: the values are no scene.
+    The paths of pictures begin in `folder`. Raises SceneError for values that are no scene.
     """
     rows = values.get("blocks") if isinstance(values, Mapping) else None
     if not isinstance(rows, (list, tuple)) or not all(isinstance(row, Mapping) for row in rows):
         raise SceneError('a scene is wanted as {"blocks": [{"block": "sphere", "name": "ball", ...}, ...]}.')
-    unknown = sorted(set(values) - {"model", "blocks"})
-    if unknown:
+    if unknown := sorted(set(values) - {"model", "blocks"}):
         raise SceneError(f"a scene has model and blocks, not {listed(unknown)}.")
     described = []
     for row in rows:
@@ -73,68 +65,35 @@ def scene_from_dict(
         if keyword not in BLOCK_TYPES:
             guess = did_you_mean(str(keyword), BLOCK_TYPES)
             raise SceneError(f"there is no block {quoted(str(keyword))}.{guess} Blocks: {listed(BLOCK_TYPES)}.")
-        if not isinstance(name, str):
-            raise SceneError(f"a {keyword} has no name.")
-        said = {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
-        del said["block"], said["name"]
-        described.append(describe(keyword, name, said, Origin(Path(folder))))
+        plain = {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
+        said = {key: value for key, value in plain.items() if key not in ("block", "name")}
+        described.append(describe(keyword, name, said, Path(folder)))
     return make_scene(*described, dtype=dtype, model=values.get("model"))
 
 
+@functools.cache
 def _constructor(keyword: str) -> Callable[..., Description]:
-    """The function that describes a block of this keyword."""
+    """The function that describes a block of this keyword; it explains itself by the table."""
 
     def construct(name: str, /, **values: Any) -> Description:
-        return describe(keyword, name, values, Origin())
+        return describe(keyword, name, values)
 
-    rows = BLOCK_TYPES[keyword]
+    lines = []
+    for row in BLOCK_TYPES[keyword]:
+        lines.append("\nor" if lines else f"Describe a {keyword} for `make_scene`, with these attributes:")
+        for attribute in row.attributes:
+            limit = f", {attribute.limit.wanted}" if attribute.limit else ""
+            lines.append(f"    {attribute.describe()}{limit}; default: {attribute.default_words}")
     construct.__name__ = construct.__qualname__ = keyword
-    construct.__signature__ = _signature(rows)  # pyright: ignore[reportFunctionMemberAccess]
-    attributes = "\n\nor\n\n".join(map(_explanation, rows))
-    construct.__doc__ = f"Describe a {keyword} for `make_scene`, with these attributes:\n\n{attributes}"
+    construct.__doc__ = "\n".join(lines).replace("; default: required", "; required")
     return construct
 
 
-def _signature(rows: tuple[BlockType, ...]) -> inspect.Signature:
-    """The signature: a name, then the attributes of all types by their names. What all types need has no default."""
-    needed = set.intersection(*(set(row.required("classic")) for row in rows))
-    parameters = {"name": inspect.Parameter("name", inspect.Parameter.POSITIONAL_ONLY, annotation=str)}
-    for attribute in (attribute for row in rows for attribute in row.attributes):
-        default = inspect.Parameter.empty if attribute.name in needed else _written(attribute.default)
-        parameter = inspect.Parameter(attribute.name, inspect.Parameter.KEYWORD_ONLY, default=default)
-        parameters.setdefault(attribute.name, parameter)
-    return inspect.Signature(list(parameters.values()), return_annotation=Description)
-
-
-def _explanation(row: BlockType) -> str:
-    """The attributes of a type of block and what they take, a line for each."""
-    lines = []
-    for attribute in row.attributes:
-        limit = f", {attribute.limit.wanted}" if attribute.limit else ""
-        written = _written(attribute.default)
-        words = attribute.default.words if isinstance(attribute.default, DerivedDefault) else written
-        without = f"; optional, else {attribute.without}" if attribute.without else "; optional"
-        default = f"; default {words}" if attribute.default else without if attribute.is_optional else ""
-        models = "".join(f", {_written(other)} if {model}" for model, other in attribute.model_defaults.items())
-        lines.append(f"    {attribute.describe()}{limit}{default}{models}")
-    return "\n".join(lines)
-
-
-def _written(default: tuple[float, ...] | DerivedDefault | str | None) -> Any:
-    """A default as one writes it: a single number is not in a row, and what follows from others is left out."""
-    if isinstance(default, DerivedDefault):
-        return None
-    return default[0] if isinstance(default, tuple) and len(default) == 1 else default
-
-
-_CONSTRUCTORS = {keyword: _constructor(keyword) for keyword in BLOCK_TYPES}
-
-
 def __getattr__(keyword: str) -> Callable[..., Description]:
-    if keyword not in _CONSTRUCTORS:
+    if keyword not in BLOCK_TYPES:
         raise AttributeError(f"module {__name__!r} has no attribute {keyword!r}; there are {', '.join(__dir__())}")
-    return _CONSTRUCTORS[keyword]
+    return _constructor(keyword)
 
 
 def __dir__() -> list[str]:
-    return ["make_scene", *_CONSTRUCTORS]
+    return ["make_scene", *BLOCK_TYPES]

@@ -5,20 +5,16 @@ from pathlib import Path
 
 from raytrace_jax.util.text import listed
 
-PACKAGE = Path(__file__).resolve().parents[1]
-
 
 def bundled_scenes() -> dict[str, Path]:
-    """The files of the scenes that come with the package, by name, in alphabetical order.
-
-    They lie in the package where it was installed, in the folder `data` of a checkout.
-    """
+    """The files of the scenes that come with the package, by name, in alphabetical order."""
     return {path.stem: path for path in sorted(scene_folder().glob("*.txt"))}
 
 
 def scene_folder() -> Path:
-    """The folder in which the bundled scenes lie."""
-    folders = (PACKAGE / "data", PACKAGE.parent / "data")
+    """The folder of the bundled scenes: in the package where it was installed, in the folder `data` of a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    folders = (package / "data", package.parent / "data")
     return next((folder for folder in folders if folder.is_dir()), folders[0])
 
 
@@ -29,6 +25,5 @@ def scene_path(path: str | os.PathLike[str]) -> Path:
 
 
 def no_such_scene(path: str | os.PathLike[str]) -> str:
-    """The message about a path that is neither a file nor a scene's name."""
     others = "" if Path(path).suffix else f", and no scene of that name, as there are {listed(bundled_scenes())}"
     return f"{path}: there is no such file{others}."

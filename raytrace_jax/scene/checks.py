@@ -8,14 +8,11 @@ from scipy.spatial import KDTree
 from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.parameters import attribute_values, material_of, shape_blocks
 from raytrace_jax.scene.scene import Scene, least_distance, world_length
-from raytrace_jax.scene.schema import NOT_ALL_ZERO, POSITIVE, RGB
+from raytrace_jax.scene.schema import RGB
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.structs import ImagePlaneCamera
+from raytrace_jax.scene.structs import NOT_ALL_ZERO, POSITIVE, ImagePlaneCamera
 from raytrace_jax.util.numerics import is_traced
 from raytrace_jax.util.text import listed
-
-_NEEDED = (POSITIVE, NOT_ALL_ZERO)
-"""The limits without which there is no picture."""
 
 _checked: list[object] = []
 """The arrays of the scene that was found right last: who renders it again does not wait for a check."""
@@ -24,10 +21,8 @@ _checked: list[object] = []
 def check_values(scene: Scene) -> None:
     """Refuse numbers that are not finite, lengths and indices that are 0, nearly so or less, no direction, flat glass.
 
-    Weights beyond 0 to 1 pass: a finite difference may take them there. What is traced has no values yet.
-
-    Raises:
-        SceneError: names the block and its attribute.
+    Weights beyond 0 to 1 pass: a finite difference may take them there. What is traced has no values yet. The
+    SceneError names the block and its attribute.
     """
     leaves = jax.tree.leaves(scene)
     is_known = len(leaves) == len(_checked) and all(map(lambda leaf, known: leaf is known, leaves, _checked))
@@ -35,51 +30,46 @@ def check_values(scene: Scene) -> None:
         return
     for row, attribute, names, values in attribute_values(scene):
         wrong = ~np.all(np.isfinite(values), axis=0)
-        limit = attribute.limit if attribute.limit in _NEEDED else None
+        # The limits without which there is no picture.
+        limit = attribute.limit if attribute.limit in (POSITIVE, NOT_ALL_ZERO) else None
         if limit:
             # Pictures and derivatives are divided by powers of it: what has no fourth one in its dtype is as 0.
             felt = np.where(np.abs(values) < np.finfo(values.dtype).tiny ** 0.25, 0, values)
             wrong |= np.array([not limit.holds(of_block) for of_block in felt.T], bool)
         if wrong.any():
             column = int(np.argmax(wrong))
-            also = f" and {limit.wanted}" if limit else ""
+            wanted = f" and {limit.wanted}, not too small for {values.dtype}" if limit else ""
             got = " ".join(map(str, values[:, column]))
-            if limit and np.all(np.isfinite(values[:, column])) and limit.holds(values[:, column]):
-                got += f", which is too small for {values.dtype}"
-            raise SceneError(f"{row.keyword} {names[column]!r}: {attribute.name} must be finite{also}, got {got}.")
-    if scene.model == "physical":
-        _check_glass(scene)
-    # What can be written to may be another scene the next time.
-    _checked[:] = leaves if all(isinstance(leaf, jax.Array) for leaf in leaves) else ()
-
-
-def _check_glass(scene: Scene) -> None:
-    """Refuse glass that has no inside."""
-    for shape in shape_blocks(scene):
+            raise SceneError(f"{row.keyword} {names[column]!r}: {attribute.name} must be finite{wanted}, got {got}.")
+    for shape in shape_blocks(scene) if scene.model == "physical" else ():
         material = material_of(scene, shape)
-        if shape.keyword == "rectangle" and np.any(np.asarray(material.read(scene, "transmission")) > 0):
+        if shape.keyword == "rectangle" and _is_set(material.read(scene, "transmission")):
             raise SceneError(
                 f"rectangle {shape.name!r}: its material {material.name!r} lets light through, and a rectangle has no "
                 "inside: glass is a sphere, or a plane with all that is behind it; docs/physical.md has a slab of two."
             )
+    # What can be written to may be another scene the next time.
+    _checked[:] = leaves if all(isinstance(leaf, jax.Array) for leaf in leaves) else ()
 
 
 def scene_warnings(scene: Scene, model: ModelName) -> list[str]:
     """Warnings about a scene, with concrete values, that renders under a model but is probably a mistake."""
     found = []
-    for other, unused in _unused_attributes(scene, model).items():
-        means, it = ("means", "it") if len(unused) == 1 else ("mean", "them")
-        found.append(f"{listed(unused)} {means} nothing to the {model} model; --model {other} has {it}.")
+    unused: dict[ModelName, list[str]] = {}
+    for _, attribute, owners, values in attribute_values(scene):
+        if not attribute.is_used_by(model) and isinstance(attribute.default, tuple):
+            is_set = np.any(values != np.reshape(attribute.default, (-1, 1)), axis=0)
+            for column in np.flatnonzero(is_set):
+                unused.setdefault(attribute.only[0], []).append(f"{owners[column]}.{attribute.name}")
+    for other, names in unused.items():
+        means, it = ("means", "it") if len(names) == 1 else ("mean", "them")
+        found.append(f"{listed(names)} {means} nothing to the {model} model; --model {other} has {it}.")
+    sources = ("emissivity", "emission", "radiance") if model == "physical" else ("emissivity", "ambient")
     if not scene.shape_order:
         found.append("the scene has no shapes: its picture is black.")
-    elif not _has_light(scene, model):
-        sources = "emission, no background" if model == "physical" else "ambient colour"
-        found.append(f"the scene has no light (no light block, no {sources}): its picture is black.")
-    elif unlit := _unlit_shapes(scene, model):
-        found.append(
-            f"{listed(unlit)} {'is' if len(unlit) == 1 else 'are'} matt and black: only light blocks shine on matt "
-            "surfaces, and the scene has none."
-        )
+    elif not any(_is_set(values) for _, one, _, values in attribute_values(scene) if one.name in sources):
+        words = "emission, no background" if model == "physical" else "ambient colour"
+        found.append(f"the scene has no light (no light block, no {words}): its picture is black.")
     camera = scene.camera
     if isinstance(camera, ImagePlaneCamera) and float(camera.viewpoint[2]) == 0:
         found.append(f"the camera {camera.name} is in its image plane, z = 0: all of its rays lie in that plane.")
@@ -95,70 +85,34 @@ def _unresolved_glass(scene: Scene) -> list[str]:
     length = float(world_length(scene))
     least = float(least_distance(world_length(scene) / 10))
     eye = np.asarray(scene.camera.viewpoint, np.float64)
-
+    near = []
     # Each surface as lengths: of a ball the centre and the radius, of a plane the normal and the height. The last one
     # keeps the two kinds apart.
-    surfaces, to_camera = [], {}
+    surfaces = []
     for shape in shapes:
         of = {name: np.asarray(value, np.float64) for name, value in shape.read_all(scene).items()}
         if shape.keyword == "sphere":
             surfaces.append([*(of["center"] - eye), of["radius"], length])
-            to_camera[shape.name] = abs(np.linalg.norm(of["center"] - eye) - of["radius"])
+            to_camera = np.linalg.norm(of["center"] - eye) - of["radius"]
         else:
             normal = of["normal"] / np.linalg.norm(of["normal"])
-            height = normal @ (of["point"] - eye)
-            surfaces.append([*(length * normal), height, 0.0])
-            to_camera[shape.name] = abs(height)
-
+            to_camera = normal @ (of["point"] - eye)
+            surfaces.append([*(length * normal), to_camera, 0.0])
+        if shape.name in glass and abs(to_camera) < least:
+            near.append((f"the camera {scene.camera.name}", f"the surface of {shape.name}"))
     pairs = [(shapes[a].name, shapes[b].name) for a, b in sorted(KDTree(surfaces).query_pairs(least))]
-    found = [
-        f"the surfaces of {one} and {other} are less than {least:g} units apart, which rays do not tell from none: "
-        f"delete {other}, or move them apart."
-        for one, other in pairs
-        if {one, other} & glass
+    near += [(f"the surfaces of {one}", other) for one, other in pairs if {one, other} & glass]
+    return [
+        f"{one} and {other} are less than {least:g} units apart, which rays do not tell from none: move one of them."
+        for one, other in near
     ]
-    if near := [name for name in to_camera if name in glass and to_camera[name] < least]:
-        found.append(
-            f"the camera {scene.camera.name} is less than {least:g} units from the surface of {listed(near)}, and rays "
-            "do not tell on which side of it: move the camera."
-        )
-    return found
 
 
 def _is_set(value: object) -> bool:
-    """Whether any number is not 0."""
     return bool(np.any(np.asarray(value) != 0))
-
-
-def _has_light(scene: Scene, model: ModelName) -> bool:
-    """Whether anything in a scene sends light of its own."""
-    sources = {"emissivity", "emission", "radiance"} if model == "physical" else {"emissivity", "ambient"}
-    return any(_is_set(values) for _, attribute, _, values in attribute_values(scene) if attribute.name in sources)
-
-
-def _unlit_shapes(scene: Scene, model: ModelName) -> list[str]:
-    """Shapes of the physical model that are nothing but matt, in a scene without light blocks that shine."""
-    if model != "physical" or _is_set(scene.lights.emissivity):
-        return []
-    materials = {shape.name: material_of(scene, shape).read_all(scene) for shape in shape_blocks(scene)}
-    lit = ("emission", "reflectivity", "transmission")
-    return [
-        name for name, of in materials.items() if _is_set(of["diffuse"]) and not any(_is_set(of[key]) for key in lit)
-    ]
 
 
 def is_gray(scene: Scene) -> bool:
     """Whether nothing in a scene has a colour: its picture has three equal channels."""
     colours = [values for _, attribute, _, values in attribute_values(scene) if attribute.components == RGB]
     return all(bool(jnp.all(colour == colour[:1])) for colour in [*colours, *scene.images.texels])
-
-
-def _unused_attributes(scene: Scene, model: ModelName) -> dict[ModelName, list[str]]:
-    """The attributes that blocks of the scene set and this model does not have, by a model that has them."""
-    found: dict[ModelName, list[str]] = {}
-    for _, attribute, owners, values in attribute_values(scene):
-        if not attribute.is_used_by(model) and isinstance(attribute.default, tuple):
-            is_set = np.any(values != np.reshape(attribute.default, (-1, 1)), axis=0)
-            if names := [f"{owners[column]}.{attribute.name}" for column in np.flatnonzero(is_set)]:
-                found.setdefault(attribute.only[0], []).extend(names)
-    return found

@@ -90,7 +90,6 @@ def _factor(k1, k2, square, undistorted, distorted):
 
 
 def _find_root(k1, k2, square, undistorted):
-    """The root by Newton steps in a bracket."""
     a, b = k1 * square, k2 * square * square
     # Exact for large a or b alone; where these are negative the function is concave from here to the root.
     start = jnp.minimum(1 / jnp.cbrt(1 + jnp.maximum(a, 0)), (1 + jnp.maximum(b, 0)) ** -0.2)
@@ -99,7 +98,7 @@ def _find_root(k1, k2, square, undistorted):
 
     def step(_, bracket):
         lowest, highest, t = bracket
-        excess, slope = _excess(a, b, t), _slope(a, b, t)
+        excess, slope = t * (1 + t * t * (a + t * t * b)) - 1, _slope(a, b, t)
         lowest, highest = jnp.where(excess < 0, t, lowest), jnp.where(excess < 0, highest, t)
         following = t - excess / jnp.where(slope > 0, slope, 1)
         is_inside = (slope > 0) & (following >= lowest) & (following <= highest)
@@ -124,10 +123,6 @@ def _factor_jvp(primals, tangents):
     s = square * t * t
     change = s * k1_dot + s * s * k2_dot + (k1 + 2 * k2 * s) * t * t * square_dot
     return t, jnp.where(is_seen, -t * change / slope, 0)
-
-
-def _excess(a, b, t):
-    return t * (1 + t * t * (a + t * t * b)) - 1
 
 
 def _slope(a, b, t):

@@ -1,8 +1,7 @@
 """The blocks of a scene, and its continuous parameters by the names of the file: `vitreous.center.x`, `cyan.ior`.
 
-A name is `block.attribute` or `block.attribute.component` (x y z for points and normals, x y for `worlddim` and a
-camera's `center`, r g b for colours, k1 k2 for `distortion`). A shape's name reaches its material too (`vitreous.ior`),
-unless the shape has such an attribute itself.
+A name is `block.attribute` or `block.attribute.component`, such as x y z of a point. A shape's name reaches its
+material too (`vitreous.ior`), unless the shape has such an attribute itself.
 """
 
 import dataclasses
@@ -17,7 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.response import FILM, OF_THE_CAMERA, neutral_response
+from raytrace_jax.scene.response import FILM, neutral_response
 from raytrace_jax.scene.rows import Value, as_array
 from raytrace_jax.scene.scene import Scene, check_scene
 from raytrace_jax.scene.schema import NO_BLOCK, RGB, Attribute, BlockType
@@ -36,7 +35,6 @@ class Block(NamedTuple):
 
     @property
     def keyword(self) -> str:
-        """The word that begins the block in a file."""
         return self.type.keyword
 
     def read(self, scene: Scene, attribute_name: str) -> Any:
@@ -44,23 +42,12 @@ class Block(NamedTuple):
         return Address(self.type.group, attribute_name, self.column).read(scene)
 
     def read_all(self, scene: Scene) -> dict[str, Any]:
-        """The values of all attributes that are numbers, by their names."""
         return {one.name: self.read(scene, one.name) for one in self.type.attributes if not one.is_text}
 
     def refers_to(self, scene: Scene, attribute_name: str) -> "Block | None":
-        """The block that an attribute names, or None."""
+        """The block that an attribute names, which is called by that block's keyword; None for none."""
         column = self.read(scene, attribute_name)
-        # An attribute that names a block is called by that block's keyword.
         return None if column == NO_BLOCK else blocks_of(scene, attribute_name)[column]
-
-
-def _groups(scene: Scene) -> Iterator[tuple[BlockType, Any, tuple[str, ...]]]:
-    """The types of blocks that a scene has, each with its struct and the names of its blocks. Raises SceneError."""
-    check_scene(scene)
-    for row in chain(*BLOCK_TYPES.values()):
-        group = getattr(scene, row.group)
-        if isinstance(group, row.struct):
-            yield row, group, (group.name,) if row.is_single else group.names
 
 
 def blocks(scene: Scene) -> list[Block]:
@@ -71,8 +58,15 @@ def blocks(scene: Scene) -> list[Block]:
 
 def blocks_of(scene: Scene, *keywords: str) -> list[Block]:
     """The blocks of keywords, type by type: a block is named by its index among those of its keyword."""
-    groups = [(row, names) for row, _, names in _groups(scene) if row.keyword in keywords]
-    return [Block(row, name, None if row.is_single else k) for row, names in groups for k, name in enumerate(names)]
+    check_scene(scene)
+    found = []
+    for row in chain.from_iterable(BLOCK_TYPES[keyword] for keyword in BLOCK_TYPES if keyword in keywords):
+        group = getattr(scene, row.group)
+        if row.is_single and isinstance(group, row.struct):
+            found.append(Block(row, group.name, None))
+        elif not row.is_single:
+            found += [Block(row, name, column) for column, name in enumerate(group.names)]
+    return found
 
 
 def shape_blocks(scene: Scene) -> list[Block]:
@@ -83,13 +77,17 @@ def shape_blocks(scene: Scene) -> list[Block]:
 
 def attribute_values(scene: Scene) -> Iterator[tuple[BlockType, Attribute, tuple[str, ...], np.ndarray]]:
     """Each attribute of numbers: its type of block, the names of its blocks, its values as (components, blocks)."""
-    for row, group, names in _groups(scene):
-        for attribute in row.continuous:
-            yield row, attribute, names, np.reshape(getattr(group, attribute.name), (attribute.value_count, len(names)))
+    check_scene(scene)
+    for row in chain.from_iterable(BLOCK_TYPES.values()):
+        group = getattr(scene, row.group)
+        if isinstance(group, row.struct):
+            names = (group.name,) if row.is_single else group.names
+            for attribute in row.continuous:
+                values = np.reshape(getattr(group, attribute.name), (attribute.value_count, len(names)))
+                yield row, attribute, names, values
 
 
 def material_of(scene: Scene, shape: Block) -> Block:
-    """The material of a shape."""
     material = shape.refers_to(scene, "material")
     assert material is not None
     return material
@@ -114,7 +112,6 @@ class Address(NamedTuple):
 
     @property
     def entry(self) -> "Address":
-        """The address of the whole attribute that this parameter belongs to."""
         return self._replace(component=None)
 
     def read(self, scene: Scene) -> Any:
@@ -125,13 +122,9 @@ class Address(NamedTuple):
         return values if self.component is None else values[self.component]
 
     def write_entry(self, scene: Scene, value: Array) -> Scene:
-        """The scene with a new value of the whole attribute."""
-
-        def locate(tree):
-            return getattr(getattr(tree, self.group), self.field)
-
-        array = value if self.column is None else locate(scene).at[..., self.column].set(value)
-        return eqx.tree_at(locate, scene, array)
+        old = getattr(getattr(scene, self.group), self.field)
+        array = value if self.column is None else old.at[..., self.column].set(value)
+        return eqx.tree_at(lambda tree: getattr(getattr(tree, self.group), self.field), scene, array)
 
 
 class Parameter(NamedTuple):
@@ -147,12 +140,6 @@ class Parameter(NamedTuple):
         """Whether it is a colour, or one of its numbers: it changes the picture's channel of that number alone."""
         return self.attribute.components == RGB
 
-    def scalars(self, name: str) -> list[tuple[str, Address]]:
-        """The names and addresses of the single numbers that this parameter consists of."""
-        if self.address.component is not None or not self.attribute.components:
-            return [(name, self.address)]
-        return [(f"{name}.{c}", self.address._replace(component=k)) for k, c in enumerate(self.attribute.components)]
-
 
 def resolve(scene: Scene, name: str) -> Parameter:
     """Find the parameter that a name means. Raises ParameterError that lists what exists."""
@@ -162,64 +149,40 @@ def resolve(scene: Scene, name: str) -> Parameter:
     pieces = name.split(".")
     component = pieces.pop() if len(pieces) > 2 and pieces[-1] in COMPONENT_NAMES else None
     block_name, attribute_name = ".".join(pieces[:-1]), pieces[-1]
-    owners = [block for block in blocks(scene) if block.name == block_name]
+    known = blocks(scene)
+    owners = [block for block in known if block.name == block_name]
     if not owners:
-        raise _unknown_block(scene, name, block_name)
+        names = list(dict.fromkeys(block.name for block in known))
+        named = next((block for block in known if block.name == name), known[0])
+        example = listed(f"{named.name}.{one.name}" for one in named.type.continuous)
+        guess = did_you_mean(block_name or name, names)
+        raise ParameterError(
+            f"{quoted(name)} is no parameter of this scene: one is written block.attribute, as {example}.{guess} "
+            f"Blocks of this scene: {listed(names)}."
+        )
     # The blocks' own attributes come first, then those of the shapes' materials.
     materials = [(material_of(scene, block), block.name) for block in owners if block.type.is_shape]
-    for block, shape in [*((block, None) for block in owners), *materials]:
+    reached = [*((block, None) for block in owners), *materials]
+    for block, shape in reached:
         attribute = block.type.find(attribute_name)
         if attribute is not None and attribute.value_type == "number":
             parameter = Parameter(Address(block.type.group, attribute.name, block.column), block, attribute, shape)
             break
     else:
-        raise _unknown_attribute(name, owners, [material for material, _ in materials], attribute_name)
+        if owners[0].type.find(attribute_name):
+            how = "change it in the scene's file, or the picture's size by the size option"
+            raise ParameterError(f"{quoted(name)} is not a continuous parameter: {how}.")
+        continuous = {block: [one.name for one in block.type.continuous] for block, _ in reached}
+        guess = did_you_mean(attribute_name, chain.from_iterable(continuous.values()))
+        owned = "; ".join(f"{block.keyword} {block.name!r} has {listed(names)}" for block, names in continuous.items())
+        raise ParameterError(f"{quoted(name)}: unknown attribute {quoted(attribute_name)}.{guess} The {owned}.")
     if component is None:
         return parameter
-    known = parameter.attribute.components
-    if component not in known:
-        wanted = f"its components are {listed(known)}" if known else "it is a single number"
+    components = parameter.attribute.components
+    if component not in components:
+        wanted = f"its components are {listed(components)}" if components else "it is a single number"
         raise ParameterError(f"{quoted(name)}: {attribute_name} has no component {component!r}, {wanted}.")
-    return parameter._replace(address=parameter.address._replace(component=known.index(component)))
-
-
-def _continuous(block: Block) -> list[str]:
-    return [attribute.name for attribute in block.type.continuous]
-
-
-def _unknown_block(scene: Scene, name: str, block_name: str) -> ParameterError:
-    for block in blocks(scene):
-        if block.name == name:
-            own = listed(f"{name}.{attribute}" for attribute in _continuous(block))
-            return ParameterError(f"{quoted(name)} is a {block.keyword}, not a parameter. Its parameters are: {own}.")
-    names = list(dict.fromkeys(block.name for block in blocks(scene)))
-    what = f" is no parameter: a parameter is written block.attribute, as {names[0]}.viewpoint."
-    if block_name:
-        what = f": the scene has no block {quoted(block_name)}."
-    guess = did_you_mean(block_name or name, names)
-    return ParameterError(f"{quoted(name)}{what}{guess} Blocks of this scene: {listed(names)}.")
-
-
-def _unknown_attribute(name: str, owners: list[Block], materials: list[Block], attribute_name: str) -> ParameterError:
-    static = next(filter(None, (block.type.find(attribute_name) for block in owners)), None)
-    if static:
-        return ParameterError(f"{quoted(name)} is not a continuous parameter: {static.how_to_change}")
-    for owner in [*owners, *materials]:
-        found = (row.find(attribute_name) for row in BLOCK_TYPES[owner.keyword])
-        if any(attribute.value_type == "number" for attribute in found if attribute):
-            return ParameterError(
-                f"{quoted(name)}: {owner.keyword} {owner.name!r} has no {attribute_name}, which only another kind of "
-                f"{owner.keyword} has: write it into the block first. It has {listed(_continuous(owner))}."
-            )
-    if owners[0].keyword == FILM and attribute_name in OF_THE_CAMERA:
-        return ParameterError(f"{quoted(name)}: a film has no {attribute_name}; set {OF_THE_CAMERA[attribute_name]}.")
-    described = [f"{block.keyword} {block.name!r} has {listed(_continuous(block))}" for block in owners]
-    described += [f"through its material {one.name!r} {listed(_continuous(one))}" for one in materials]
-    known = [attribute for block in [*owners, *materials] for attribute in _continuous(block)]
-    return ParameterError(
-        f"{quoted(name)}: unknown attribute {quoted(attribute_name)}.{did_you_mean(attribute_name, known)}"
-        f" The {'; '.join(described)}."
-    )
+    return parameter._replace(address=parameter.address._replace(component=components.index(component)))
 
 
 def list_parameters(scene: Scene) -> dict[str, Array]:
@@ -253,7 +216,7 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
     """
     scene = with_film(scene, values)
     parameters = {name: resolve(scene, name) for name in values}
-    _scalar_addresses(parameters)
+    _scalar_addresses(parameters.items())
     entries: dict[Address, tuple[str, Attribute, Array]] = {}
     # Inside a jit, compute what is known already at once, so that it can be checked.
     with jax.ensure_compile_time_eval():
@@ -277,9 +240,8 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
         # Then what attributes of a block may not have together.
         for name, parameter in parameters.items():
             if parameter.block.type.checks:
-                known = {key: np.asarray(x) for key, x in parameter.block.read_all(scene).items() if not is_traced(x)}
-                complaint = parameter.block.type.complaint(known)
-                if complaint:
+                known = {key: x for key, x in parameter.block.read_all(scene).items() if not is_traced(x)}
+                if complaint := parameter.block.type.complaint(known):
                     raise ParameterError(f"{quoted(name)}: {complaint[1]}.")
     return scene
 
@@ -306,8 +268,8 @@ def shared_with(scene: Scene, name: str) -> tuple[str, ...]:
     parameter = resolve(scene, name)
     if parameter.through_shape is None:
         return ()
-    sharing = [shape.name for shape in shape_blocks(scene) if material_of(scene, shape) == parameter.block]
-    return tuple(shape for shape in sharing if shape != parameter.through_shape)
+    others = [shape for shape in shape_blocks(scene) if shape.name != parameter.through_shape]
+    return tuple(shape.name for shape in others if material_of(scene, shape) == parameter.block)
 
 
 def scalar_names(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
@@ -316,37 +278,32 @@ def scalar_names(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
     The given spelling is kept: `vitreous.ior` stays, although its canonical name is `cyan.ior`.
 
     Raises:
-        ParameterError: an unknown name, or two names for one number (also under another spelling); one text, of which
-            the letters came as names.
+        ParameterError: an unknown name, two names for one number (also under another spelling), or one text.
     """
     names = list(names)
     if "." in names and len(names) > 1:
         text = "".join(name for name in names if len(name) == 1)
         raise ParameterError(f"a list of names is wanted, and this is the text {text!r}: write [{text!r}].")
-    for name in names:
-        if names.count(name) > 1:
-            raise ParameterError(f"{quoted(name)} is given twice.")
-    return tuple(_scalar_addresses({name: resolve(scene, name) for name in names}).values())
+    return tuple(_scalar_addresses([(name, resolve(scene, name)) for name in names]).values())
 
 
-def _scalar_addresses(parameters: Mapping[str, Parameter]) -> dict[Address, str]:
+def _scalar_addresses(parameters: Iterable[tuple[str, Parameter]]) -> dict[Address, str]:
     """Map the address of each single number to its name; refuse two names for one number."""
     found: dict[Address, tuple[str, str]] = {}
-    for name, parameter in parameters.items():
-        for scalar, address in parameter.scalars(name):
-            if address in found:
-                both = f"{quoted(found[address][1])} and {quoted(name)}"
+    for name, (address, _, attribute, _) in parameters:
+        scalars = {name: address}
+        if address.component is None and attribute.components:
+            scalars = {f"{name}.{c}": address._replace(component=k) for k, c in enumerate(attribute.components)}
+        for scalar, one in scalars.items():
+            if one in found:
+                both = f"{quoted(found[one][1])} and {quoted(name)}"
                 raise ParameterError(f"{both} both give the number {quoted(scalar)}: give it once.")
-            found[address] = (scalar, name)
+            found[one] = (scalar, name)
     return {address: scalar for address, (scalar, _) in found.items()}
 
 
 def parse_assignment(text: str) -> tuple[str, tuple[float, ...]]:
-    """Split `vitreous.center=4.2,2.3,-1` into the name and its numbers, ready for `set_parameters`.
-
-    Raises:
-        ParameterError: no `=`, no name, or something that is not a finite number.
-    """
+    """Split `vitreous.center=4.2,2.3,-1` into the name and its numbers. Raises ParameterError for anything else."""
     # A block's name may hold a '=', numbers cannot.
     name, equals, numbers = (piece.strip() for piece in text.rpartition("="))
     if not equals or not name:

@@ -12,177 +12,148 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from jax.typing import DTypeLike
 
 from raytrace_jax.errors import ModelFileError, ModelFileWarning
-from raytrace_jax.scene.assemble import assemble, floating
 from raytrace_jax.scene.bundled import no_such_scene, scene_path
-from raytrace_jax.scene.rows import KEYWORD, NAME, Description, Origin
+from raytrace_jax.scene.rows import HEAD, Description, assemble, either, floating
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute, is_name
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.table import ATTRIBUTE_NAMES, BLOCK_TYPES, SETTINGS
-from raytrace_jax.util.numerics import cast
+from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.util.text import did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
 
-OPENING, CLOSING = "{", "}"
-"""Parts of a block in a file, besides those that any row has."""
+CLOSING = "}"
+"""A part of a block in a file, besides those that any row has."""
 
-_TOKEN = re.compile(r"(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|[^\s{}]++")
+_TOKEN = re.compile(r"(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|[^\s{}]++|\Z")
 
 
 class Token(NamedTuple):
-    """A word or a brace; the end of the file is the token with an empty text."""
+    """A word or a brace; the end of the file is the token with an empty text.
+
+    Args:
+        place: where it is, as `file:line:column`, both counted from 1.
+        above, beside: the comments before it, on lines of their own, and those behind it.
+    """
 
     text: str
-    offset: int
+    place: str
+    above: list[str]
+    beside: list[str]
 
     def __str__(self) -> str:
         return quoted(self.text) if self.text else "the end of the file"
 
+    def error(self, message: str) -> ModelFileError:
+        """The error, for the caller to raise, that points at the token."""
+        hint = " A comment begins after white space." if "#" in self.text or "//" in self.text else ""
+        return ModelFileError(f"{self.place}: {message}{hint}")
+
+
+def _tokens(text: str, source: str) -> Iterator[Token]:
+    line, line_start, seen = 1, 0, 0
+    above: list[str] = []
+    comments = above
+    for match in _TOKEN.finditer(text):
+        offset = match.start()
+        if line_breaks := text.count("\n", seen, offset):
+            line += line_breaks
+            line_start = text.rfind("\n", seen, offset) + 1
+            comments = above
+        seen = offset
+        if match["comment"]:
+            comments.append(match.group().rstrip())
+            continue
+        token = Token(match.group(), f"{source}:{line}:{offset - line_start + 1}", above, [])
+        yield token
+        above, comments = [], token.beside
+
 
 class TokenStream:
-    """Tokens one at a time with one token of look-ahead, `current`; the end token repeats for ever.
-
-    `comments` are those on the way to the current token, each with the number of tokens before it.
-    """
+    """Tokens one at a time with one token of look-ahead, `current`; the end token repeats for ever."""
 
     def __init__(self, text: str, source: str):
-        self._text = text
-        self._source = source
-        self._matches = _TOKEN.finditer(self._text)
-        self._count = 0
-        self.comments: list[tuple[Token, int]] = []
-        self.current = self._next()
-
-    def _next(self) -> Token:
-        for match in self._matches:
-            token = Token(match.group(), match.start())
-            if not match["comment"]:
-                self._count += 1
-                return token
-            self.comments.append((token, self._count))
-        return Token("", len(self._text))
+        self._tokens = _tokens(text, source)
+        self.current = next(self._tokens)
 
     def advance(self) -> Token:
-        """Return the current token and step to the next."""
         token = self.current
-        self.current = self._next()
+        self.current = next(self._tokens, token)
         return token
-
-    def line(self, token: Token) -> int:
-        """The token's line, counted from 1."""
-        return self._text.count("\n", 0, token.offset) + 1
-
-    def position(self, token: Token) -> str:
-        """The token's place as `file:line:column`, both counted from 1."""
-        column = token.offset - self._text.rfind("\n", 0, token.offset)
-        return f"{self._source}:{self.line(token)}:{column}"
-
-    def error(self, token: Token, message: str) -> ModelFileError:
-        """The error, for the caller to raise, that points at a token."""
-        hint = " A comment begins after white space." if "#" in token.text or "//" in token.text else ""
-        return ModelFileError(f"{self.position(token)}: {message}{hint}")
 
 
 @dataclasses.dataclass
-class FileOrigin(Origin):
-    """A block's place in a file: the tokens of each of its parts in order, of an attribute its name and its values."""
+class FileBlock(Description):
+    """A block of a file, with the tokens of each of its parts in order: of an attribute its name and its values."""
 
-    tokens: TokenStream = dataclasses.field(kw_only=True)
-    tokens_of: dict[str, list[Token]] = dataclasses.field(kw_only=True)
-    whole = "file"
-    wants_relative_paths = True
-    unclosed = " Or is the '}}' of {} missing?"
-
-    def is_there(self, part: str) -> str:
-        """The line of a part, as the end of a sentence."""
-        return f"is in line {self.tokens.line(self.tokens_of[part][0])}"
-
-    def shown(self, part: str, value: Any) -> str:
-        """A value as it is written."""
-        return quoted(" ".join(word.text for word in self.tokens_of[part][1:]))
+    tokens: dict[str, list[Token]] = dataclasses.field(default_factory=dict)
 
     def error(self, part: str, message: str) -> ModelFileError:
-        """The error that points at a part of the block, of an attribute at its first value if that was read."""
-        return self.tokens.error(self.tokens_of[part][:2][-1], message)
+        """The error that points at the block's name, or at an attribute's first value if that was read."""
+        return self.tokens[part][:2][-1].error(message)
 
 
-def read_blocks(tokens: TokenStream, dtype: np.dtype, folder: Path) -> Iterator[Description]:
+def read_blocks(stream: TokenStream, folder: Path) -> Iterator[FileBlock]:
     """A file's blocks in order. Raises ModelFileError for what is no block, or has no such attribute."""
-    first: Description | None = None
-    while tokens.current.text:
-        block = _read_block(tokens, dtype, folder)
-        first = first or block
-        # Defaults are those of the settings' model. Second settings are refused with other blocks that come once.
-        if block.keyword == SETTINGS and first.keyword != SETTINGS:
-            raise block.origin.error(KEYWORD, f"{block} comes too late: settings are the first block of a file.")
+    while stream.current.text:
+        keyword = stream.advance()
+        if keyword.text not in BLOCK_TYPES:
+            guess = did_you_mean(keyword.text, BLOCK_TYPES)
+            raise keyword.error(f"unknown keyword {keyword}.{guess} Valid keywords: {listed(BLOCK_TYPES)}.")
+        name = stream.advance()
+        if not is_name(name.text):
+            raise name.error(f"expected a name for this {keyword.text}, found {name}.")
+        opening = stream.advance()
+        if opening.text != "{":
+            raise opening.error(f"expected '{{' after {keyword.text} {name}, found {opening}.")
+        block = FileBlock(keyword.text, name.text, folder, tokens={HEAD: [keyword, name, opening]})
+        while stream.current.text != "}":
+            if not stream.current.text:
+                raise keyword.error(f"{block} is never closed: the file ends before its '}}'.")
+            _read_attribute(stream, block)
+        block.tokens[CLOSING] = [stream.advance()]
         yield block
 
 
-def _read_block(tokens: TokenStream, dtype: np.dtype, folder: Path) -> Description:
-    keyword = tokens.advance()
-    if keyword.text == "}":
-        raise tokens.error(keyword, "this '}' closes no block.")
-    if keyword.text not in BLOCK_TYPES:
-        guess = did_you_mean(keyword.text, BLOCK_TYPES)
-        raise tokens.error(keyword, f"unknown keyword {keyword}.{guess} Valid keywords: {listed(BLOCK_TYPES)}.")
-    name = tokens.advance()
-    if not is_name(name.text):
-        raise tokens.error(name, f"expected a name for this {keyword.text}, found {name}.")
-    opening = tokens.advance()
-    if opening.text != "{":
-        raise tokens.error(opening, f"expected '{{' after {keyword.text} {name}, found {opening}.")
-    tokens_of = {KEYWORD: [keyword], NAME: [name], OPENING: [opening]}
-    block = Description(keyword.text, name.text, FileOrigin(folder, tokens=tokens, tokens_of=tokens_of))
-    while tokens.current.text != "}":
-        if not tokens.current.text:
-            raise tokens.error(keyword, f"{block} is never closed: the file ends before its '}}'.")
-        word = tokens.advance()
-        attribute = word.text
-        if attribute == "worldim" and keyword.text == "camera":  # The course's own writer spells it so.
-            message = f"{tokens.position(word)}: 'worldim' is read as 'worlddim', as the file format spells it."
-            warnings.warn(message, ModelFileWarning, stacklevel=2)
-            attribute = "worlddim"
-        if attribute in block.values:
-            raise tokens.error(word, f"{block} has {attribute} twice.")
-        tokens_of[attribute] = [word]
-        admitted = block.admit(attribute)
-        tokens_of[attribute] += _read_values(tokens, block, admitted, dtype)
-    tokens_of[CLOSING] = [tokens.advance()]
-    return block
-
-
-def _read_values(tokens: TokenStream, block: Description, attributes: list[Attribute], dtype: np.dtype) -> list[Token]:
-    """Read a word, or as many numbers as one of the attributes takes, into the block; return their tokens."""
-    by_count = {attribute.value_count: attribute for attribute in reversed(attributes)}
-    counts, one = sorted(by_count), attributes[0]
-    takes = " or ".join(by_count[count].describe() for count in counts)
-    read: list[Token] = []
+def _read_attribute(stream: TokenStream, block: FileBlock) -> None:
+    """Read an attribute's name, and a word or as many numbers as it takes, into the block."""
+    token = stream.advance()
+    name = token.text
+    if name == "worldim" and block.keyword == "camera":  # The course's own writer spells it so.
+        message = f"{token.place}: 'worldim' is read as 'worlddim', as the file format spells it."
+        warnings.warn(message, ModelFileWarning, stacklevel=2)
+        name = "worlddim"
+    if name in block.values:
+        raise token.error(f"{block} has {name} twice.")
+    if name in (*BLOCK_TYPES, "{") and not any(row.find(name) for row in BLOCK_TYPES[block.keyword]):
+        raise token.error(f"{block} has no attribute {token}: is its '}}' missing?")
+    read = block.tokens[name] = [token]
+    attributes = block.admit(name)
+    counts, takes = {attribute.value_count for attribute in attributes}, either(attributes)
     values: list[Any] = []
     # Where there are enough already, only what was meant as a number is one more.
-    while len(read) < counts[-1] and (len(read) not in counts or looks_like_number(tokens.current.text)):
-        token = tokens.current
-        if one.is_text:
-            if not is_name(token.text):
-                raise tokens.error(token, f"in {block}, {takes}, found {token}.")
-            values.append(token.text)
-        else:
-            if token.text in ("", "{", "}") or token.text in ATTRIBUTE_NAMES:
-                raise tokens.error(token, f"too few values in {block}: {takes}, found {len(read)} before {token}.")
-            try:
-                is_whole = one.value_type == "integer"
-                values.append(int(parse_integer(token.text)) if is_whole else parse_number(token.text))
-            except ValueError as reason:
-                raise tokens.error(token, f"in {block}, {takes}, but {reason}.") from None
-            if one.value_type == "number" and not np.isfinite(cast(np.asarray(values[-1]), dtype)):
-                raise tokens.error(token, f"in {block}, {one.name} {token} is too large, it is infinite in {dtype}.")
-        read.append(tokens.advance())
-    if looks_like_number(tokens.current.text):
-        raise tokens.error(tokens.current, f"too many values: {takes}, then comes {tokens.current}.")
-    block.values[one.name] = tuple(values) if by_count[len(values)].components else values[0]
-    return read
+    while len(values) < max(counts) and (len(values) not in counts or looks_like_number(stream.current.text)):
+        try:
+            values.append(_read_value(stream.current.text, attributes[0]))
+        except ValueError as reason:
+            after = f"after {len(values)} of them " if values else ""
+            raise stream.current.error(f"in {block}, {takes}, but {after}{reason}.") from None
+        read.append(stream.advance())
+    if looks_like_number(stream.current.text):
+        raise stream.current.error(f"too many values in {block}: {takes}, then comes {stream.current}.")
+    block.values[name] = tuple(values) if len(values) > 1 else values[0]
+
+
+def _read_value(text: str, attribute: Attribute) -> str | int | float:
+    """A value of an attribute. Raises ValueError that says what is wrong with the text."""
+    if attribute.is_text:
+        if not is_name(text):
+            raise ValueError(f"{quoted(text)} is none")
+        if attribute.value_type == "file" and Path(text).is_absolute():
+            raise ValueError(f"{quoted(text)} is an absolute path: a texture's is relative to the scene file")
+        return text
+    return int(parse_integer(text)) if attribute.value_type == "integer" else parse_number(text)
 
 
 def parse_scene(
@@ -207,16 +178,10 @@ def parse_scene(
         TypeError: `dtype` is not a floating type.
     """
     float_dtype = floating(dtype)
-    text = text.removeprefix("\ufeff")  # the byte order mark that some editors write
-    tokens = TokenStream(text, source)
-    if "\0" in text:
-        raise tokens.error(Token("\0", text.index("\0")), "a NUL byte: this is a binary file, not a model.txt.")
-    if not tokens.current.text:
-        raise tokens.error(tokens.current, "the file is empty: a scene has at least a camera block.")
-
+    stream = TokenStream(text.removeprefix("\ufeff"), source)  # the byte order mark that some editors write
     # A generator: the first error in the order of the file is raised, be it within a block or between two.
-    blocks = read_blocks(tokens, float_dtype, Path(folder))
-    return assemble(blocks, float_dtype, model, lambda message: tokens.error(tokens.current, message))
+    blocks = read_blocks(stream, Path(folder))
+    return assemble(blocks, float_dtype, model, lambda message: stream.current.error(message))
 
 
 def load_scene(
@@ -232,25 +197,15 @@ def load_scene(
         ModelFileError: the file cannot be read or is not a scene, as `parse_scene`.
     """
     path = scene_path(path)
-    # So that a picture or an endless device given by mistake fails at once.
-    most_bytes = 64 * 2**20
+    most_bytes = 64 * 2**20  # So that an endless device given by mistake fails at once.
     try:
         with path.open("rb") as file:
             content = file.read(most_bytes + 1)
+        if len(content) > most_bytes:
+            raise ModelFileError(f"{path}: larger than 64 MiB, this is not a model.txt.")
+        text = content.decode("utf-8")
     except FileNotFoundError:
         raise ModelFileError(no_such_scene(path)) from None
-    except IsADirectoryError:
-        raise ModelFileError(f"{path}: this is a directory, a model.txt file is wanted.") from None
-    except (OSError, ValueError) as error:  # ValueError: a path with a NUL character
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL character, or bytes that are no UTF-8.
         raise ModelFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}.") from None
-    if len(content) > most_bytes:
-        raise ModelFileError(f"{path}: larger than 64 MiB, this is not a model.txt.")
-    try:
-        text = content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        column = error.start - content.rfind(b"\n", 0, error.start)
-        raise ModelFileError(
-            f"{path}:{line}:{column}: byte 0x{content[error.start]:02x} is not UTF-8: a model.txt is plain text."
-        ) from None
     return parse_scene(text, source=str(path), dtype=dtype, model=model, folder=path.parent)

@@ -1,9 +1,7 @@
 """The camera's response to the light of a scene, before its numbers are stored: an effect is a row of one table.
 
 An effect changes a scene-linear picture; it is a function of the picture, of its value and of the frame, differentiable
-in picture and value. Its value is a field of `structs.CameraResponse`, with the name `film.gain.r` under which it is
-set, freed, given a prior or stated to be uncertain; the check of a model tests the rows. A new effect is its function
-and its row here and a field there.
+in picture and value. Its value is a field of `structs.CameraResponse`: a parameter such as `film.gain.r`.
 """
 
 import dataclasses
@@ -61,9 +59,12 @@ def darken_corners(image: Picture, vignetting: Float[Array, ""], frame: Frame) -
 def power(image: Picture, gamma: Float[Array, ""], frame: Frame) -> Picture:
     """The power, and its tangent where there is less light than `LEAST_LIGHT`."""
     enough = image > LEAST_LIGHT
-    above = jnp.where(enough, image, 1.0) ** gamma
-    start = LEAST_LIGHT**gamma
-    return jnp.where(enough, above, start * (1 + gamma * (image / LEAST_LIGHT - 1)))
+    tangent = LEAST_LIGHT**gamma * (1 + gamma * (image / LEAST_LIGHT - 1))
+    return jnp.where(enough, jnp.where(enough, image, 1.0) ** gamma, tangent)
+
+
+def blurred(image: Picture, blur: Float[Array, ""], frame: Frame) -> Picture:
+    return gaussian_blur(image, blur / frame.binning)
 
 
 class FilmEffect(NamedTuple):
@@ -91,7 +92,6 @@ class FilmEffect(NamedTuple):
 
     @property
     def attribute(self) -> Attribute:
-        """The attribute that a film has it by, as `CameraResponse` declares it."""
         return next(one for one in declared_attributes(CameraResponse) if one.name == self.name)
 
     @property
@@ -109,35 +109,17 @@ class FilmEffect(NamedTuple):
 
 FILM_EFFECTS = (
     FilmEffect("vignetting", darken_corners, 1e-3, "free it, or correct the picture"),
-    FilmEffect(
-        "blur",
-        lambda image, blur, frame: gaussian_blur(image, blur / frame.binning),
-        0.7,
-        "free it, or blur as the target is",
-        start=0.7,
-        is_squared=True,
-    ),
+    FilmEffect("blur", blurred, 0.7, "free it, or blur as the target is", start=0.7, is_squared=True),
     FilmEffect("gain", lambda image, gain, frame: image * gain[:, None, None], 1e-3, "free it", is_linear=True),
     FilmEffect("offset", lambda image, shift, frame: image + shift[:, None, None], 1e-3, "free it", is_linear=True),
     FilmEffect("gamma", power, 1e-4, "free it, or state how the colours were stored (--transfer)"),
 )
 """All effects, in the order in which they take effect: on the way through the lens, on the sensor, in storage."""
 
-OF_THE_CAMERA = {
-    "shift": "the camera's center, a pixel at a time",
-    "magnification": "the camera's fov, or the worlddim of a course's camera",
-    "distortion": "the distortion of a camera with lookat",
-}
-"""Effects that belong to the block of the camera, as they move rays: each with the hint of an error message."""
-
 
 @with_lower_ranks
 def develop(image: Picture, film: CameraResponse | None, frame: Frame) -> Picture:
-    """The picture that a film makes of a scene's light; differentiable in both.
-
-    Args:
-        film: its response, of which effects that are None do nothing; None leaves the picture as it is.
-    """
+    """The picture that a film makes of a scene's light; differentiable in both. Effects that are None do nothing."""
     for effect in FILM_EFFECTS:
         value = getattr(film, effect.name, None)
         if value is not None:
@@ -150,7 +132,6 @@ develop_compiled = jit(develop, static_argnames="frame")
 
 
 def neutral_response(dtype: np.dtype) -> CameraResponse:
-    """A film that leaves pictures as they are."""
     return CameraResponse(FILM, **{effect.name: jnp.asarray(effect.neutral, dtype) for effect in FILM_EFFECTS})
 
 

@@ -1,133 +1,91 @@
-"""Rows: blocks as a file, a program or a dict says them, each with where it was said.
-
-A row is a `Description` of plain values. It is checked on its own: values, limits, what goes together; and its defaults
-are filled in.
-"""
+"""Rows: blocks as a file, a program or a dict says them, checked on their own; and the scene that they make."""
 
 import dataclasses
 import operator
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
-from jaxtyping import Array
+from jax.typing import ArrayLike, DTypeLike
+from jaxtyping import Array, Float
 
-from raytrace_jax.errors import RaytraceError, SceneError
-from raytrace_jax.scene.response import FILM, OF_THE_CAMERA
-from raytrace_jax.scene.schema import Attribute, BlockType, is_name
+from raytrace_jax.errors import PictureError, RaytraceError, SceneError, SceneWarning
+from raytrace_jax.images.pictures import read_picture, states_colours
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType, is_name
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.table import BLOCK_TYPES
-from raytrace_jax.util.numerics import cast, is_traced
-from raytrace_jax.util.text import did_you_mean, listed, quoted
+from raytrace_jax.scene.table import BLOCK_TYPES, SETTINGS, SHAPE_KEYWORDS
+from raytrace_jax.util.numerics import cast, is_traced, real_numbers
+from raytrace_jax.util.text import did_you_mean, listed, quoted, sentence
 
 Value = ArrayLike | Iterable[ArrayLike]
 
-KEYWORD, NAME = "keyword of the block", "name of the block"
-"""Parts of a block that an error may be about, besides its attributes, which go by their names."""
-
-
-@dataclasses.dataclass
-class Origin:
-    """The program that described a block, or for `reader.FileOrigin` the place in a file: it words errors.
-
-    Relative paths begin in `folder`.
-    """
-
-    folder: Path = Path()
-    whole = "scene"
-    wants_relative_paths = False
-    unclosed = ""  # What to ask where another block seems to begin within a block {}.
-
-    def is_there(self, part: str) -> str:
-        """Where a part of the block is, as the end of a sentence that begins with the block."""
-        return "comes before it"
-
-    def shown(self, part: str, value: Any) -> str:
-        """A value as it was said."""
-        return quoted(str(value))
-
-    def error(self, part: str, message: str) -> RaytraceError:
-        """The error, for the caller to raise, that points at a part of the block."""
-        return SceneError(message)
+HEAD = "keyword and name of the block"
+"""The part of a block that an error may be about, besides its attributes, which go by their names."""
 
 
 @dataclasses.dataclass
 class Description:
-    """A block as it was described.
+    """A block as a program describes it; `reader.FileBlock` is one of a file.
 
     Args:
+        folder: where the paths of pictures begin.
         values: by attribute a number or a row of numbers, a word, or the name of another block.
     """
 
     keyword: str
     name: str
-    origin: Origin
+    folder: Path = Path()
     values: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def __str__(self) -> str:
         return f"{self.keyword} {quoted(self.name)}"
 
-    @property
-    def types(self) -> list[BlockType]:
-        """The rows of the table that have all attributes that are there and take their values, if any does."""
-        rows = list(BLOCK_TYPES[self.keyword])
-        for name, value in self.values.items():
-            having = [(row, attribute) for row in rows if (attribute := row.find(name))]
-            # What none of them takes is wrong, and said to be when it is checked.
-            rows = [row for row, attribute in having if attribute.takes(value)] or [row for row, _ in having]
-        return rows
+    def error(self, part: str, message: str) -> RaytraceError:
+        """The error, for the caller to raise, about a part of the block: `HEAD` or an attribute."""
+        return SceneError(message)
 
     @property
-    def type(self) -> BlockType:
-        """The row of a complete block: the first that it can be."""
-        return self.types[0]
+    def kinds(self) -> list[BlockType]:
+        """The rows that have all its attributes; if any take all its values, only these. The first is its own."""
+        having = [row for row in BLOCK_TYPES[self.keyword] if all(map(row.find, self.values))]
+        return [
+            row for row in having if all(a.takes(self.values[a.name]) for a in row.attributes if a.name in self.values)
+        ] or having
 
-    def admit(self, attribute_name: str) -> list[Attribute]:
-        """What the attribute of this name can be. Raises the origin's error if none goes with what is there already."""
-        if found := _named(self.types, attribute_name):
+    def admit(self, name: str) -> list[Attribute]:
+        """What the attribute of this name can be. Raises the block's error if none goes with what is there already."""
+        if found := _named(self.kinds, name):
             return found
         rows = BLOCK_TYPES[self.keyword]
-        owners = [row for row in rows if row.find(attribute_name)]
-        if owners:
-            strangers = []
-            for name, value in self.values.items():
-                shared = _named(owners, name)
-                if not any(attribute.takes(value) for attribute in shared):
-                    strangers.append(f"{name} of {np.size(value)} numbers" if shared else name)
-            message = (
-                f"{self} mixes two kinds of {self.keyword}: {attribute_name} does not go with {listed(strangers)}."
-            )
+        known = list(dict.fromkeys(attribute.name for row in rows for attribute in row.attributes))
+        if name in known:
+            others = [row for row in rows if row.find(name)]
+            strangers = [said for said in self.values if not _named(others, said)] or self.values
+            message = f"{self} mixes two kinds of {self.keyword}: {name} does not go with {listed(strangers)}."
         else:
-            suggestion = did_you_mean(attribute_name, [a.name for row in rows for a in row.attributes])
-            message = f"unknown attribute {quoted(attribute_name)} in {self}.{suggestion}"
-            if self.keyword == FILM and attribute_name in OF_THE_CAMERA:
-                message = f"{self} has no {attribute_name}: write {OF_THE_CAMERA[attribute_name]}."
-        names = [[attribute.name for attribute in row.attributes] for row in rows]
-        message += f" Valid attributes of a {self.keyword}: {_either(names, operator.gt)}."
-        if not owners and attribute_name in (*BLOCK_TYPES, "{"):
-            message += self.origin.unclosed.format(self)
-        raise self.origin.error(attribute_name, message)
+            message = f"unknown attribute {quoted(name)} in {self}.{did_you_mean(name, known)}"
+        raise self.error(name, f"{message} Valid attributes of a {self.keyword}: {listed(known)}.")
 
-    def checked(self, dtype: np.dtype, model: ModelName) -> "Description":
+    def checked(self, dtype: np.dtype, model: ModelName) -> Self:
         """The complete block: its numbers as arrays, the model's defaults filled in.
 
-        Raises:
-            RaytraceError: of the origin: a value is wrong, something lacks or does not go together.
+        Raises the block's error: a value is wrong, something lacks or does not go together.
         """
-        types = self.types
-        values = {name: self._value(name, _named(types, name), dtype) for name in self.values}
-        types = dataclasses.replace(self, values=values).types
-        missing = [[name for name in row.required(model) if name not in values] for row in types]
+        kinds = self.kinds
+        values = {name: self._value(name, _named(kinds, name), dtype) for name in self.values}
+        missing = [[name for name in row.required(model) if name not in values] for row in kinds]
         if all(missing):
-            needed = _either([row.required(model) for row in types])
-            message = f"{self} lacks {_either(missing)}. A {self.keyword} must have: {needed}."
-            raise self.origin.error(KEYWORD, message)
-        row = types[missing.index([])]
+            needed = [row.required(model) for row in kinds]
+            lacking, wanted = ("; or ".join(dict.fromkeys(map(listed, names))) for names in (missing, needed))
+            raise self.error(HEAD, f"{self} lacks {lacking}. A {self.keyword} must have: {wanted}.")
+        row = kinds[missing.index([])]
         for attribute in row.attributes:
             if attribute.name not in values:
                 default = attribute.default_of(model, values.__getitem__)
@@ -135,66 +93,55 @@ class Description:
                 values[attribute.name] = np.array(default, dtype).reshape(attribute.shape) if is_array else default
         found = row.complaint({name: value for name, value in values.items() if not is_traced(value)})
         if found:
-            check, complaint = found
-            part = [name for name in self.values if name in check.attributes][-1]
-            raise self.origin.error(part, f"in {self}, {complaint}.")
+            part = [name for name in self.values if name in found[0]][-1]
+            raise self.error(part, f"in {self}, {found[1]}.")
         return dataclasses.replace(self, values=values)
 
     def _value(self, name: str, attributes: list[Attribute], dtype: np.dtype) -> Any:
         """One value as the scene has it, of what its attribute can be: what it is meant for, any if it is none."""
-
-        def refuse(what: str, ending: str = ".") -> RaytraceError:
-            return self.origin.error(name, f"in {self}, {what}, got {self.origin.shown(name, value)}{ending}")
-
         value: Any = self.values[name]
         attribute = next((attribute for attribute in attributes if attribute.takes(value)), attributes[0])
         is_word = isinstance(value, str | os.PathLike)
         if (value is None and attribute.is_optional) or (attribute.value_type == "file" and not is_word):
             return value  # Texels are checked where files are read.
         if attribute.is_text:
-            choices = tuple(dict.fromkeys(chain.from_iterable(one.choices for one in attributes)))
-            if is_word and (not choices or value in choices):
+            if is_word and attribute.takes(value):
                 return value
-            wanted = f"{name} is {' or '.join(choices)}" if choices else attribute.describe()
-            raise refuse(wanted, f".{did_you_mean(str(value), choices)}")
+            raise self.error(name, f"in {self}, {either(attributes)}, {_got(value)}.")
         numbers: Any = value
         try:
             if attribute.value_type == "integer":
-                numbers = [operator.index(n) for n in numbers] if attribute.components else operator.index(numbers)
+                numbers = tuple(map(operator.index, numbers)) if attribute.components else operator.index(numbers)
             array = as_array(numbers, attribute.shape, dtype if attribute.value_type == "number" else np.dtype(float))
         except TypeError:
-            raise refuse(attribute.describe()) from None
+            raise self.error(name, f"in {self}, {attribute.describe()}, {_got(value)}.") from None
         except ValueError as reason:
-            raise self.origin.error(name, f"in {self}, {name} {reason}.") from None
+            raise self.error(name, f"in {self}, {name} {reason}.") from None
         violation = None if is_traced(array) else attribute.violation(np.asarray(array))
         if violation:
-            is_rounded = not attribute.violation(np.asarray(numbers, np.float64))
-            rounded = f", which {dtype} rounds to {' '.join(map(str, np.ravel(array)))}" if is_rounded else ""
-            raise refuse(violation, f"{rounded}.")
-        return array
+            raise self.error(name, f"in {self}, {violation}, {_got(value)}, which is {array} in {array.dtype}.")
+        if attribute.value_type == "number":
+            return array
+        return numbers if attribute.value_type == "integer" else float(array)
 
 
 def _named(rows: Iterable[BlockType], name: str) -> list[Attribute]:
-    """The attributes of this name."""
     return [attribute for row in rows if (attribute := row.find(name))]
 
 
-def describe(keyword: str, name: str, values: Mapping[str, Any], origin: Origin) -> Description:
+def either(attributes: Iterable[Attribute]) -> str:
+    return " or ".join(dict.fromkeys(attribute.describe() for attribute in attributes))
+
+
+def describe(keyword: str, name: object, values: Mapping[str, Any], folder: Path = Path()) -> Description:
     """The row of a block. Raises SceneError: its name is no name, or its attributes do not go together."""
-    if not isinstance(name, str) or not is_name(name):
-        got = quoted(str(name))
-        raise SceneError(f"expected a name for this {keyword}, got {got}: a name is one word without braces.")
-    block = Description(keyword, name, origin)
+    if not is_name(name):
+        raise SceneError(f"expected a name for this {keyword}, {_got(name)}: a name is one word without braces.")
+    block = Description(keyword, name, folder)
     for attribute_name, value in values.items():
         block.admit(attribute_name)
         block.values[attribute_name] = value
     return block
-
-
-def _either(choices: Sequence[Sequence[str]], beats: Callable[[set[str], set[str]], bool] = operator.lt) -> str:
-    """The choices, each a list of words, without those that another one beats: contains, or is part of."""
-    left = [words for words in choices if not any(beats(set(other), set(words)) for other in choices)]
-    return "; or ".join(dict.fromkeys(map(listed, left)))
 
 
 def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | np.ndarray:
@@ -207,14 +154,166 @@ def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | n
         known = None if is_traced(value) else np.ma.asarray(value, np.float64).filled(np.nan)
         array = jnp.asarray(value, dtype) if known is None else cast(known, dtype)
     except OverflowError:
-        raise ValueError(f"must be finite in {dtype}, got {quoted(str(value))}") from None
+        raise ValueError(f"must be finite in {dtype}, {_got(value)}") from None
     except (TypeError, ValueError):
-        raise ValueError(f"takes a number or a row of numbers, got {quoted(str(value))}") from None
+        raise ValueError(f"takes a number or a row of numbers, {_got(value)}") from None
     if array.shape == (1,) and shape == ():
         array = array.reshape(())
     if array.shape != shape:
-        wanted, got = (f"{n} number{'s' if n != 1 else ''}" for n in (shape[0] if shape else 1, array.size))
-        raise ValueError(f"takes {wanted}, got {got if array.ndim < 2 else f'an array of shape {array.shape}'}")
+        raise ValueError(f"takes {_count(shape)}, got {_count(array.shape)}")
     if not is_traced(array) and not np.all(np.isfinite(array)):
-        raise ValueError(f"must be finite in {dtype}, got {quoted(str(value))}")
+        raise ValueError(f"must be finite in {dtype}, {_got(value)}")
     return array
+
+
+def _got(value: object) -> str:
+    return f"got {quoted(str(value))}"
+
+
+def _count(shape: tuple[int, ...]) -> str:
+    if len(shape) > 1:
+        return f"an array of shape {shape}"
+    count = shape[0] if shape else 1
+    return f"{count} number{'s' if count != 1 else ''}"
+
+
+def assemble(
+    described: Iterable[Description], dtype: np.dtype, model: ModelName | None, error: Callable[[str], RaytraceError]
+) -> Scene:
+    """The scene of described blocks; lights, materials and shapes keep their order.
+
+    Raises the blocks' errors: a wrong value, a second camera, a name that is taken, or one that no block has.
+
+    Args:
+        described: the rows; settings come first.
+        model: the one as which the scene is loaded; None is that of its settings, or `classic`.
+        error: words an error that no block is to blame for.
+    """
+    # Blocks by keyword and name. Shapes have their names in common, and their order.
+    named: dict[str, dict[str, Description]] = {_namespace(keyword): {} for keyword in BLOCK_TYPES}
+    for row in described:
+        block, keyword = row.checked(dtype, model or "classic"), row.keyword
+        others = named[_namespace(keyword)]
+        if others and BLOCK_TYPES[keyword][0].is_single:
+            raise block.error(HEAD, f"{block} is a second {keyword}; {next(iter(others.values()))} comes before it.")
+        if block.name in others:
+            message = f"the {_namespace(keyword)} name {quoted(block.name)} is taken: {others[block.name]} has it."
+            raise block.error(HEAD, message)
+        if keyword == SETTINGS:
+            if any(named.values()):
+                raise block.error(HEAD, f"{block} comes too late: settings are the first block of a scene.")
+            model = model or block.values["model"]
+        others[block.name] = block
+    if not named["camera"]:
+        raise error("the scene has no camera: it must have one camera block.")
+
+    # Each type becomes one struct. Names become columns before any is made, as blocks may name those that come later. A
+    # column counts all blocks of a keyword, type by type.
+    blocks: dict[BlockType, list[Description]] = {row: [] for rows in BLOCK_TYPES.values() for row in rows}
+    for block in chain.from_iterable(others.values() for others in named.values()):
+        blocks[block.kinds[0]].append(block)
+    columns: dict[str, dict[str, int]] = {keyword: {} for keyword in BLOCK_TYPES}
+    for row, those in blocks.items():
+        names = columns[row.keyword]
+        names |= {block.name: len(names) + k for k, block in enumerate(those)}
+    fields: dict[str, Any] = {}
+    for row, those in blocks.items():
+        if those or not row.is_single:
+            fields[row.group] = _struct(row, those, columns, dtype)
+        fields.setdefault(row.group, None)
+    _check_mappings(named)
+    return Scene(**fields, model=model or "classic", shape_order=tuple(named["shape"]))
+
+
+def _namespace(keyword: str) -> str:
+    return "shape" if keyword in SHAPE_KEYWORDS else keyword
+
+
+def _struct(row: BlockType, blocks: list[Description], columns: dict[str, dict[str, int]], dtype: np.dtype) -> Any:
+    entries: dict[str, Any] = {}
+    for attribute in row.attributes:
+        values: list[Any] = [block.values[attribute.name] for block in blocks]
+        if attribute.value_type == "name":
+            values = [_column(block, attribute.name, columns[attribute.name]) for block in blocks]
+        elif attribute.value_type == "file":
+            entries["texels"] = tuple(_read_texels(block, dtype) for block in blocks)
+            values = [os.fspath(value) if isinstance(value, str | os.PathLike) else "" for value in values]
+        if row.is_single:
+            entries[attribute.name] = jnp.asarray(values[0]) if attribute.value_type == "number" else values[0]
+        elif attribute.value_type != "number":
+            entries[attribute.name] = tuple(values)
+        elif is_traced(values):
+            entries[attribute.name] = jnp.stack(values, axis=-1)
+        else:  # Stacked by NumPy: thousands of small JAX arrays take seconds.
+            entries[attribute.name] = jnp.asarray(np.array(values, dtype).reshape(len(values), *attribute.shape).T)
+    names = tuple(block.name for block in blocks)
+    return row.struct(name=names[0], **entries) if row.is_single else row.struct(names=names, **entries)
+
+
+def _column(block: Description, keyword: str, columns: Mapping[str, int]) -> int:
+    """The column of the block that an attribute names, which is called by that block's keyword."""
+    value = block.values[keyword]
+    if value is not None and value not in columns:
+        message = f"{block} has the unknown {keyword} {quoted(value)}.{did_you_mean(value, columns)}"
+        raise block.error(keyword, f"{message} {keyword.capitalize()}s in this scene: {listed(columns)}.")
+    return NO_BLOCK if value is None else columns[value]
+
+
+def _check_mappings(named: dict[str, dict[str, Description]]) -> None:
+    # A shape has its texture through its material, a background has its own.
+    uses = [(shape, "material", named["material"][shape.values["material"]]) for shape in named["shape"].values()]
+    uses += [(background, "texture", background) for background in named["background"].values()]
+    for block, part, owner in uses:
+        texture = named["texture"].get(owner.values["texture"])
+        if texture and texture.kinds[0].group not in block.kinds[0].textures:
+            kind = quoted(texture.values["kind"])
+            raise block.error(part, f"{block} has the {texture}: a {block.keyword} has no mapping for the kind {kind}.")
+
+
+def _read_texels(block: Description, dtype: np.dtype) -> Float[Array, "3 height width"]:
+    """The scene-linear picture of a texture, from a file or an array. Raises the block's error for what is none."""
+
+    def refuse(what: object) -> RaytraceError:
+        return block.error("file", sentence(f"in {block}, {what}"))
+
+    value = block.values["file"]
+    if not isinstance(value, str | os.PathLike):
+        shape = np.shape(value)
+        if len(shape) != 3 or shape[0] != 3 or 0 in shape:
+            raise refuse(f"file takes a path or an array of shape (3, height, width), got one of shape {shape}")
+        if is_traced(value):
+            return jnp.asarray(value, dtype)
+        try:
+            picture = jnp.asarray(real_numbers(value), dtype)
+        except ValueError as reason:
+            raise refuse(f"file {reason}") from None
+        if not jnp.all(jnp.isfinite(picture)):
+            raise refuse("file has an array with numbers that are masked or not finite")
+        return picture
+    path, transfer = block.folder / value, block.values["transfer"]
+    try:
+        if transfer is None and not states_colours(path):
+            how = "does not say how its numbers were made: add transfer srgb or course"
+            raise refuse(f"the picture {quoted(str(value))} {how}")
+        return jnp.asarray(read_picture(path, transfer=transfer), dtype)
+    except PictureError as reason:
+        raise refuse(f"the texture cannot be read: {reason}") from None
+
+
+def floating(dtype: DTypeLike | None) -> np.dtype:
+    """The dtype that JAX makes of one, or of None. Raises TypeError: it is not a floating type.
+
+    Warns:
+        SceneWarning: float64 is asked for while JAX computes without it.
+    """
+    float_dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
+    if not jnp.issubdtype(float_dtype, jnp.floating):
+        raise TypeError(f"dtype must be a floating type, got {float_dtype}")
+    # Python's `float` is whichever JAX computes in.
+    if dtype is not None and dtype is not float and np.dtype(dtype) != float_dtype:
+        warnings.warn(
+            f"the scene is in {float_dtype}: {np.dtype(dtype)} needs jax.config.update('jax_enable_x64', True) before.",
+            SceneWarning,
+            stacklevel=4,
+        )
+    return float_dtype

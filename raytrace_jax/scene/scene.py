@@ -63,22 +63,11 @@ class Scene(eqx.Module):
 
     def __repr__(self) -> str:
         """The scene in a line: its model, its camera's pixels, how many blocks of each type it has."""
-        groups = {
-            "sphere": "spheres",
-            "plane": "planes",
-            "rectangle": "rectangles",
-            "material": "materials abbe_materials channel_materials",
-            "texture": "checkers images",
-            "light": "lights",
-        }
         # JAX builds scenes that hold anything, without blocks: to compare, and to tell where trees differ.
-        counts = {
-            word: sum(len(getattr(getattr(self, group), "names", ())) for group in names.split())
-            for word, names in groups.items()
-        }
         width, height = getattr(self.camera, "pixeldim", ("?", "?"))
-        blocks = [f"{count} {word}{'s' if count > 1 else ''}" for word, count in counts.items() if count]
-        return f"Scene({', '.join([self.model, f'camera {width} x {height}', *blocks])})"
+        counts = {name: len(getattr(group, "names", ())) for name, group in vars(self).items()}
+        blocks = [f"{name}={count}" for name, count in counts.items() if count]
+        return f"Scene({', '.join([self.model, f'camera={width}x{height}', *blocks])})"
 
     def __getitem__(self, name: str) -> Array:
         """The value of a parameter, as `scene["glass.ior"]`; see `get_parameter`."""
@@ -87,12 +76,7 @@ class Scene(eqx.Module):
         return get_parameter(self, name)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the scene as a `model.txt` file, and beside it the pictures of its textures; see `save_scene`.
-
-        Raises:
-            ModelFileError: the scene holds what no file can say.
-            RaytraceError: the file cannot be written.
-        """
+        """Write the scene as a `model.txt` file, and beside it the pictures of its textures; see `save_scene`."""
         from raytrace_jax.scene.writer import save_scene
 
         save_scene(self, path, model=self.model)
@@ -142,7 +126,6 @@ def without_texels(scene: Scene) -> Scene:
 
 
 def with_texels(scene: Scene, other: Scene) -> Scene:
-    """The scene with the texels of another one, not copied."""
     return eqx.tree_at(lambda scene: scene.images.texels, scene, other.images.texels)
 
 
@@ -168,7 +151,7 @@ def world_length(scene: Scene) -> Float[Array, ""]:
     exponents = jnp.log10(jnp.maximum(jnp.abs(across), limits.tiny))
     largest = jnp.max(exponents)
     exponent = largest + jnp.log10(jnp.sum(10 ** (2 * (exponents - largest)))) / 2
-    # All powers of ten that are normal numbers, as exact as numbers can be: `10**x` of a float is not.
+    # All powers of ten that are normal numbers, exact ones: `10**x` of a float is not.
     least = int(np.ceil(np.log10(limits.tiny)))
     powers = np.array([f"1e{k}" for k in range(least, int(np.log10(limits.max)) + 1)], np.float64).astype(across.dtype)
     index = jnp.clip(jnp.round(exponent).astype(jnp.int32) - least, 0, len(powers) - 1)
@@ -179,8 +162,6 @@ def least_distance(unit: Float[Array, ""]) -> Float[Array, ""]:
     """The least distance at which a shape is hit: the course's 1e-5, or 1e-4 in float32, which resolves no more.
 
     It only matters where two shapes meet. Whether a ray can meet its own shape again is decided by identity and side.
-
-    Args:
-        unit: a tenth of `world_length`.
+    `unit` is a tenth of `world_length`.
     """
     return (1e-5 if unit.dtype == jnp.float64 else 1e-4) * unit

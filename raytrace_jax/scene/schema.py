@@ -2,9 +2,10 @@
 
 import dataclasses
 import functools
+import inspect
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, TypeGuard, get_args
 
 import equinox as eqx
 import numpy as np
@@ -17,6 +18,9 @@ NO_BLOCK = -1
 
 XY, XYZ, RGB = ("x", "y"), ("x", "y", "z"), ("r", "g", "b")
 
+PICTURE_MIDDLE = "the picture's middle"
+"""The default of a camera's `center`, (pixeldim - 1) / 2."""
+
 Range = tuple[float, float]
 
 
@@ -27,50 +31,31 @@ class Limit(NamedTuple):
     wanted: str
 
 
-def between(least: float, most: float, wanted: str = "") -> Limit:
-    """The limit that values lie in a closed interval."""
-    wanted = wanted or f"from {least:g} to {most:g}"
-    return Limit(lambda values: bool(np.all((values >= least) & (values <= most))), wanted)
+def between(least: float, most: float, wanted: str = "", *, is_open: bool = False) -> Limit:
+    """The limit that values lie in an interval, with its upper end if it is not open."""
+    words = f"{least:g} or greater and less than {most:g}" if is_open else f"from {least:g} to {most:g}"
+    is_below = np.less if is_open else np.less_equal
+    return Limit(lambda values: bool(np.all((values >= least) & is_below(values, most))), wanted or words)
 
 
-def less_than(most: float, least: float) -> Limit:
-    """The limit that values lie in a half-open interval."""
-    wanted = f"{least:g} or greater and less than {most:g}"
-    return Limit(lambda values: bool(np.all((values >= least) & (values < most))), wanted)
-
-
-UNIT_INTERVAL = between(0, 1)
-POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
-NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
-NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other than 0 0 0")
-
-
-class Check(NamedTuple):
-    """A condition on several attributes of a block.
-
-    `complaint` takes their values in this order, and says as a sentence without its end what is wrong with them.
-    """
-
-    attributes: tuple[str, ...]
-    complaint: Callable[..., str | None]
+Check = Callable[..., str | None]
+"""A condition on several attributes of a block: a function of their values, with their names, that says as a sentence
+without its end what is wrong with them."""
 
 
 class Quantity(NamedTuple):
-    """The quantity that an attribute's numbers are: all that a fit, a search or a figure wants to know of it.
+    """What an attribute's numbers are: all that a fit, a search or a figure wants to know of them.
 
     Args:
         unit: what one of them is, for people: `world unit`; empty for a `unit of <attribute>`.
         dimension: the power of a length in its unit: where all lengths of a scene are doubled, the number has to grow
-            by two to this power to leave the picture as it is.
-        model_dimensions: the power under a model where it is another one.
+            by two to this power to leave the picture as it is. `model_dimensions` has another one of a model.
         ranges: where a fit keeps the number: in the first of these open intervals that holds the start, or at whose
             lower end it lies; anywhere if none does.
         scale: what a large change of it is as large as: the number itself, its vector, the index's distance from 1, or
-            the attributes that say how large its block is.
-        sized_by: for the scale `block`, these attributes.
+            the attributes `sized_by` that say how large its block is.
         is_light: whether it is as large as the light: where all light of a scene is doubled, so is the number.
-        role: as what a search scans it: an index of refraction, or one of the three numbers of a position in the
-            picture; None if it does not.
+        role: what a search scans it as: an index of refraction, or a position in the picture.
     """
 
     unit: str = ""
@@ -83,7 +68,6 @@ class Quantity(NamedTuple):
     role: Literal["index", "position"] | None = None
 
     def dimension_in(self, model: str) -> int:
-        """The power of a length in the unit, under a model."""
         return self.model_dimensions.get(model, self.dimension)
 
     def range_at(self, start: float) -> Range:
@@ -91,102 +75,69 @@ class Quantity(NamedTuple):
         return next((span for span in self.ranges if span[0] <= start <= span[1]), (-math.inf, math.inf))
 
 
-ABOVE_ZERO = ((0.0, math.inf),)
-
-AMOUNT = Quantity(ranges=ABOVE_ZERO)
-"""A number of 0 or more, a colour among them: one that starts negative may stay so, as no range holds it."""
-
-LIGHT = AMOUNT._replace(is_light=True)
-
-PIXELS = Quantity("pixel", scale="vector")
-"""A point of the picture."""
-
-LENGTH = Quantity("world unit", dimension=1, ranges=ABOVE_ZERO)
-VECTOR = Quantity("world unit", dimension=1, scale="vector")
-"""A point, or the way from one point to another."""
-
-
-@dataclasses.dataclass(frozen=True)
-class DerivedDefault:
-    """A default that `values` makes from other values of the block, those of `attributes`, which it must have.
-
-    `words` say for people what it is.
-    """
-
-    attributes: tuple[str, ...]
-    values: Callable[..., tuple[float, ...]]
-    words: str
-
-
 class Attribute(NamedTuple):
     """One attribute of a block: what the field of a struct declares, under the field's name, by `attribute`.
 
     Args:
-        name: the word before its values.
         components: what its numbers are called, such as x y z; empty for a single value.
         value_type: what its values are. A `number` is continuous; all else is static: an `integer`, a `constant` (a
             non-differentiable number), a `word` of some, the `name` of another block, a `file`.
-        default: the values of a block that does not say, or how they follow from others; None if it has to say.
+        default: the values of a block that does not say; None if it has to say.
         model_defaults: the default under a model where it is another one.
         only: the models to which it means something; empty if all have it.
         choices: for a word, those that there are.
         without: what holds where an optional one is not said, for people; empty for nothing. A block has to have what
             is not optional: then it is None.
+        after: the attribute after which a file has it; empty for the one declared before.
     """
 
     name: str
     components: tuple[str, ...] = ()
     value_type: Literal["number", "integer", "constant", "word", "name", "file"] = "number"
-    default: tuple[float, ...] | str | DerivedDefault | None = None
+    default: tuple[float, ...] | str | None = None
     model_defaults: Mapping[str, tuple[float, ...]] = {}
     only: tuple[ModelName, ...] = ()
     limit: Limit | None = None
     quantity: Quantity = Quantity()
     choices: tuple[str, ...] = ()
     without: str | None = None
+    after: str = ""
 
     def default_of(self, model: ModelName, read: Callable[[str], Any]) -> tuple[float, ...] | str | None:
         """The values in a block without the attribute; None if there are none. `read` has its values by name."""
         default = self.model_defaults.get(model, self.default)
-        if isinstance(default, DerivedDefault):
-            return default.values(*map(read, default.attributes))
-        return default
+        return tuple((float(n) - 1) / 2 for n in read("pixeldim")) if default == PICTURE_MIDDLE else default
+
+    @property
+    def default_words(self) -> str:
+        if self.default is None:
+            return "required" if self.without is None else self.without or "none"
+        if isinstance(self.default, str):
+            return self.default
+        every = {"": self.default, **{f" ({model})": values for model, values in self.model_defaults.items()}}
+        return ", ".join(" ".join(f"{number:g}" for number in values) + of for of, values in every.items())
 
     def is_used_by(self, model: str) -> bool:
-        """Whether it means something to a model."""
         return model in (self.only or (model,))
 
     @property
     def is_optional(self) -> bool:
-        """Whether a block may do without it: it then has the value None (of a name, the column `NO_BLOCK`)."""
+        """Whether a block may do without it, with the value None or the column `NO_BLOCK`."""
         return self.without is not None
 
     @property
-    def refers_to(self) -> str:
-        """For a name, the keyword of the blocks that it names: the attribute is called by it."""
-        return self.name if self.value_type == "name" else ""
-
-    @property
     def is_text(self) -> bool:
-        """Whether its value is one word of text, not numbers."""
         return self.value_type in ("word", "name", "file")
 
-    @property
-    def is_stored(self) -> bool:
-        """Whether the block's struct has a field for it; a word without a choice only tells kinds of blocks apart."""
-        return len(self.choices) != 1
-
     def takes(self, value: Any) -> bool:
-        """Whether a value is of its type: the word is one of its own, or as many numbers."""
+        """Whether a value is of its type: the word is one of its own, or as many numbers, which may be traced."""
         if self.value_type == "word":
             return value in self.choices
-        # Of a row, numbers may be traced.
         shape = (len(value),) if isinstance(value, list | tuple) else np.shape(value)
         return value is None or self.is_text or shape == self.shape
 
     @property
     def value_count(self) -> int:
-        """How many values follow the attribute's name."""
         return len(self.components) or 1
 
     @property
@@ -196,48 +147,29 @@ class Attribute(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """What one of its numbers is, for people."""
         return self.quantity.unit or f"unit of {self.name}"
 
     def describe(self) -> str:
-        """What the attribute takes, as a phrase for an error message."""
         if self.value_type == "word":
             return f"{self.name} is {' or '.join(self.choices)}"
         if self.is_text:
-            return f"{self.name} takes the name of a {self.refers_to or 'picture file'}"
+            return f"{self.name} takes the name of a {self.name if self.value_type == 'name' else 'picture file'}"
         word = "whole number" if self.value_type == "integer" else "number"
         components = f" ({' '.join(self.components)})" if self.components else ""
         return f"{self.name} takes {self.value_count} {word}{'s' if self.value_count > 1 else ''}{components}"
-
-    @property
-    def how_to_change(self) -> str:
-        """How to change what is no parameter, as the end of an error message; empty for a number."""
-        if self.value_type == "file":
-            return "it is the name of a file; change it in the scene's file."
-        if self.is_text:
-            return f"it is a {self.value_type}; change it in the file."
-        if self.components and self.value_type == "integer":
-            return "it is a count of pixels; set the picture's size with the size option."
-        return "" if self.value_type == "number" else "it is a setting; use its option."
 
     def violation(self, values: np.ndarray) -> str | None:
         """The limit that finite values break, in words, or None."""
         return f"{self.name} must be {self.limit.wanted}" if self.limit and not self.limit.holds(values) else None
 
 
-def attribute(components: tuple[str, ...] = (), *, after: str = "", **declared: Any) -> Any:
-    """The field of a struct that is an attribute of its blocks: static unless its values are numbers.
-
-    Args:
-        after: the attribute after which a file has it; empty for the one declared before.
-        declared: what `Attribute` has, without its name, which is that of the field.
-    """
+def attribute(components: tuple[str, ...] = (), **declared: Any) -> Any:
+    """The field of a struct that is an attribute of its blocks, as `Attribute` has it; static if it is no number."""
     one = Attribute("", components, **declared)
-    return eqx.field(static=one.value_type != "number", metadata={"attribute": one, "after": after})
+    return eqx.field(static=one.value_type != "number", metadata={"attribute": one})
 
 
 def word(choices: object, default: str | None = None, **declared: Any) -> Any:
-    """The field of an attribute whose value is one word of a `Literal`."""
     return attribute(value_type="word", choices=get_args(choices), default=default, **declared)
 
 
@@ -246,10 +178,9 @@ def declared_attributes(struct: type) -> tuple[Attribute, ...]:
     """The attributes that a struct's fields declare, in the order in which a file has them."""
     found: list[Attribute] = []
     for field in dataclasses.fields(struct):
-        if "attribute" in field.metadata:
-            before = [one.name for one in found]
-            place = before.index(field.metadata["after"]) + 1 if field.metadata["after"] else len(found)
-            found.insert(place, field.metadata["attribute"]._replace(name=field.name))
+        if one := field.metadata.get("attribute"):
+            place = [other.name for other in found].index(one.after) + 1 if one.after else len(found)
+            found.insert(place, one._replace(name=field.name))
     return tuple(found)
 
 
@@ -260,17 +191,19 @@ class BlockType(NamedTuple):
         keyword: the word that begins such a block; types with one keyword are told apart by their attributes.
         group: the `Scene` field that holds all blocks of this type.
         struct: what is in that field: with a name if a scene has one such block, with a column for each of many if not.
-        is_optional: a scene may do without the one block: then the field is None.
+            Without the one block the field is None; a camera has to be there.
         textures: the groups of the textures that have a mapping on it.
     """
 
     keyword: str
     group: str
     struct: type[Any]
-    attributes: tuple[Attribute, ...]
     checks: tuple[Check, ...] = ()
-    is_optional: bool = False
     textures: tuple[str, ...] = ()
+
+    @property
+    def attributes(self) -> tuple[Attribute, ...]:
+        return declared_attributes(self.struct)
 
     @property
     def is_single(self) -> bool:
@@ -283,27 +216,30 @@ class BlockType(NamedTuple):
         return self.find("material") is not None
 
     def find(self, attribute_name: str) -> Attribute | None:
-        """The attribute of this name, or None."""
         return next((attribute for attribute in self.attributes if attribute.name == attribute_name), None)
 
     @property
     def continuous(self) -> tuple[Attribute, ...]:
-        """The attributes that a gradient can reach."""
         return tuple(attribute for attribute in self.attributes if attribute.value_type == "number")
 
     def required(self, model: ModelName) -> tuple[str, ...]:
-        """The names of the attributes that have no default."""
-        needed = (a for a in self.attributes if not a.is_optional and a.model_defaults.get(model, a.default) is None)
-        return tuple(attribute.name for attribute in needed)
+        defaults = {a.name: a.model_defaults.get(model, a.default) for a in self.attributes if not a.is_optional}
+        return tuple(name for name, default in defaults.items() if default is None)
 
-    def complaint(self, values: Mapping[str, np.ndarray]) -> tuple[Check, str] | None:
-        """The first check that a block's values break, and what is wrong; checks with values missing are left out."""
-        possible = [check for check in self.checks if values.keys() >= set(check.attributes)]
-        complaints = ((check, check.complaint(*map(values.__getitem__, check.attributes))) for check in possible)
-        return next(((check, complaint) for check, complaint in complaints if complaint), None)
+    def complaint(self, values: Mapping[str, Any]) -> tuple[tuple[str, ...], str] | None:
+        """The attributes of the first check that a block's values break, and what is wrong.
+
+        Checks with values missing are left out.
+        """
+        for check in self.checks:
+            names = tuple(inspect.signature(check).parameters)
+            if values.keys() >= set(names) and (found := check(*(np.asarray(values[name]) for name in names))):
+                return names, found
+        return None
 
 
-def is_name(text: str) -> bool:
+def is_name(text: object) -> TypeGuard[str]:
     """Whether a text can name a block: one token that does not look like a comment."""
-    is_one_token = bool(text) and not any(character.isspace() or character in "{}\0\ufeff" for character in text)
-    return is_one_token and is_unicode(text) and not text.startswith(("#", "//"))
+    if not isinstance(text, str) or not text or text.startswith(("#", "//")):
+        return False
+    return is_unicode(text) and not any(character.isspace() or character in "{}\0\ufeff" for character in text)

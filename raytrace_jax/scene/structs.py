@@ -10,52 +10,44 @@ import math
 from typing import Any
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.images import Transfer
 from raytrace_jax.scene import setting_words as words
-from raytrace_jax.scene.schema import (
-    ABOVE_ZERO,
-    AMOUNT,
-    LENGTH,
-    LIGHT,
-    NOT_ALL_ZERO,
-    NOT_NEGATIVE,
-    PIXELS,
-    POSITIVE,
-    RGB,
-    UNIT_INTERVAL,
-    VECTOR,
-    XY,
-    XYZ,
-    DerivedDefault,
-    Limit,
-    Quantity,
-    attribute,
-    between,
-    less_than,
-    word,
-)
+from raytrace_jax.scene.schema import PICTURE_MIDDLE, RGB, XY, XYZ, Limit, Quantity, attribute, between, word
+
+UNIT_INTERVAL = between(0, 1)
+POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
+NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
+NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other than 0 0 0")
+
+ABOVE_ZERO = ((0.0, math.inf),)
+
+AMOUNT = Quantity(ranges=ABOVE_ZERO)
+"""A number of 0 or more, a colour among them: one that starts negative may stay so, as no range holds it."""
+
+LIGHT = AMOUNT._replace(is_light=True)
+
+PIXELS = Quantity("pixel", scale="vector")
+"""A point of the picture."""
+
+PER_LENGTH = AMOUNT._replace(dimension=-1)
+LENGTH = Quantity("world unit", dimension=1, ranges=ABOVE_ZERO)
+VECTOR = Quantity("world unit", dimension=1, scale="vector")
+"""A point, or the way from one point to another."""
 
 USUAL_FOV = 39.6
 """A camera that does not say has this horizontal angle of view, in degrees: a lens of 50 mm on a frame 36 mm wide."""
 
 SHINE = LIGHT._replace(model_dimensions={"classic": 1, "physical": 2})
-"""The colour of point lights, which the classic model divides by a distance and the physical one by its square.
-
-Ambient light has it too, of which the physical model knows nothing."""
+"""The colour of point lights, which the classic model divides by a distance and the physical one by its square; and of
+ambient light, of which the physical model knows nothing."""
 
 
 def _pixeldim() -> Any:
     most = words.MAX_PICTURE_SIDE
     return attribute(XY, value_type="integer", limit=between(1, most, f"from 1 to {most} a side"))
-
-
-def _center() -> Any:
-    def middle(sides):
-        return tuple((float(n) - 1) / 2 for n in sides)
-
-    return attribute(XY, default=DerivedDefault(("pixeldim",), middle, "the picture's middle"), quantity=PIXELS)
 
 
 def _point(quantity: Quantity = VECTOR) -> Any:
@@ -66,8 +58,12 @@ def _column(**declared: Any) -> Any:
     return attribute(value_type="name", **declared)
 
 
+def _scalar(default: float, limit: Limit, quantity: Quantity = AMOUNT, **declared: Any) -> Any:
+    return attribute(default=(default,), limit=limit, quantity=quantity, **declared)
+
+
 def _weight(*models: words.ModelName) -> Any:
-    return attribute(default=(0.0,), only=models, limit=UNIT_INTERVAL, quantity=Quantity(ranges=((0.0, 1.0),)))
+    return _scalar(0.0, UNIT_INTERVAL, Quantity(ranges=((0.0, 1.0),)), only=models)
 
 
 def _color(*models: words.ModelName, additive: float = 0.0, quantity: Quantity = AMOUNT, **declared: Any) -> Any:
@@ -96,7 +92,7 @@ class ImagePlaneCamera(eqx.Module):
     pixeldim: tuple[int, int] = _pixeldim()
     worlddim: Float[Array, "2"] = attribute(XY, limit=POSITIVE, quantity=LENGTH)
     viewpoint: Float[Array, "3"] = _point()
-    center: Float[Array, "2"] = _center()
+    center: Float[Array, "2"] = attribute(XY, default=PICTURE_MIDDLE, quantity=PIXELS)
 
 
 class PerspectiveCamera(eqx.Module):
@@ -118,13 +114,13 @@ class PerspectiveCamera(eqx.Module):
     viewpoint: Float[Array, "3"] = _point()
     lookat: Float[Array, "3"] = _point()
     up: Float[Array, "3"] = attribute(XYZ, default=(0.0, 1.0, 0.0), limit=NOT_ALL_ZERO)
-    fov: Float[Array, ""] = attribute(
-        default=(USUAL_FOV,),
-        limit=Limit(lambda angle: bool(0 < angle < 180), "greater than 0 and less than 180 degrees"),
-        # Within the limits also where its ends are rounded to float32.
-        quantity=Quantity("degree", ranges=((1e-4, 179.9999),)),
+    # The range is within the limits also where its ends are rounded to float32.
+    fov: Float[Array, ""] = _scalar(
+        USUAL_FOV,
+        Limit(lambda angle: bool(0 < angle < 180), "greater than 0 and less than 180 degrees"),
+        Quantity("degree", ranges=((1e-4, 179.9999),)),
     )
-    center: Float[Array, "2"] = _center()
+    center: Float[Array, "2"] = attribute(XY, default=PICTURE_MIDDLE, quantity=PIXELS)
     distortion: Float[Array, "2"] = attribute(("k1", "k2"), default=(0.0, 0.0))
 
 
@@ -143,15 +139,11 @@ class CameraResponse(eqx.Module):
     """
 
     name: str = eqx.field(static=True)
-    vignetting: Float[Array, ""] | None = attribute(
-        default=(0.0,), limit=less_than(1, -1), quantity=Quantity(ranges=((-1.0, 1.0),))
-    )
-    blur: Float[Array, ""] | None = attribute(
-        default=(0.0,), limit=NOT_NEGATIVE, quantity=Quantity("pixel", ranges=ABOVE_ZERO)
-    )
+    vignetting: Float[Array, ""] | None = _scalar(0.0, between(-1, 1, is_open=True), Quantity(ranges=((-1.0, 1.0),)))
+    blur: Float[Array, ""] | None = _scalar(0.0, NOT_NEGATIVE, Quantity("pixel", ranges=ABOVE_ZERO))
     gain: Float[Array, "3"] | None = attribute(RGB, default=(1.0, 1.0, 1.0), limit=POSITIVE, quantity=AMOUNT)
     offset: Float[Array, "3"] | None = attribute(RGB, default=(0.0, 0.0, 0.0), quantity=Quantity(is_light=True))
-    gamma: Float[Array, ""] | None = attribute(default=(1.0,), limit=POSITIVE, quantity=AMOUNT)
+    gamma: Float[Array, ""] | None = _scalar(1.0, POSITIVE)
 
 
 class FileSettings(eqx.Module):
@@ -167,17 +159,14 @@ class FileSettings(eqx.Module):
     samples: int | None = attribute(value_type="integer", limit=between(1, words.MAX_SAMPLES), without="1")
     path_limit: float | None = attribute(value_type="constant", limit=POSITIVE, without="100 (classic), else no limit")
     least_weight: float | None = attribute(
-        value_type="constant", limit=less_than(1, 0), only=("physical",), without="1e-06 (physical only)"
+        value_type="constant", limit=between(0, 1, is_open=True), only=("physical",), without="1e-06 (physical only)"
     )
     reflectance: words.Reflectance | None = word(words.Reflectance, only=("classic",), without="schlick (classic only)")
     eta: words.EtaConvention | None = word(words.EtaConvention, only=("classic",), without="course (classic only)")
 
 
 class Background(eqx.Module):
-    """A light from all around and infinitely far away, which rays see that hit nothing.
-
-    Its colour `radiance` (RGB, scene-linear) is multiplied with the picture `texture`.
-    """
+    """Light from infinitely far away all around: the colour `radiance` (RGB, scene-linear) times that of `texture`."""
 
     name: str = eqx.field(static=True)
     radiance: Float[Array, "3"] = attribute(RGB, quantity=LIGHT)
@@ -185,27 +174,22 @@ class Background(eqx.Module):
 
 
 class PointLights(eqx.Module):
-    """Point lights of a colour `emissivity`.
+    """Point lights of a colour `emissivity`, scaled by `energy` in the additive model.
 
-    In the classic model their light falls off with one over the distance, in the others with the distance squared; in
-    the additive one `energy` scales it.
+    Their light falls off with one over the distance in the classic model, in the others with the distance squared.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
     location: Float[Array, "3 lights"] = _point()
     emissivity: Float[Array, "3 lights"] = attribute(RGB, quantity=SHINE)
-    energy: Float[Array, " lights"] = attribute(
-        default=(10.0,), only=("additive",), limit=NOT_NEGATIVE, quantity=LIGHT._replace(dimension=2)
-    )
+    energy: Float[Array, " lights"] = _scalar(10.0, NOT_NEGATIVE, LIGHT._replace(dimension=2), only=("additive",))
 
 
 class Checkers(eqx.Module):
-    """Checker boards: `color1` where `floor(x) + floor(y)` is even, with x and y = (place - `offset`) / `square`.
-
-    A place on a surface is measured in world units.
-    """
+    """Checker boards: `color1` where floor(x) + floor(y) is even, with x, y = (world units - `offset`) / `square`."""
 
     names: tuple[str, ...] = eqx.field(static=True)
+    kind: tuple[str, ...] = attribute(value_type="word", choices=("checker",))
     color1: Float[Array, "3 checkers"] = attribute(RGB, quantity=AMOUNT)
     color2: Float[Array, "3 checkers"] = attribute(RGB, quantity=AMOUNT)
     square: Float[Array, " checkers"] = attribute(limit=POSITIVE, quantity=LENGTH)
@@ -225,6 +209,7 @@ class Images(eqx.Module):
 
     names: tuple[str, ...] = eqx.field(static=True)
     texels: tuple[Float[Array, "3 _ _"], ...]
+    kind: tuple[str, ...] = attribute(value_type="word", choices=("image",))
     file: tuple[str, ...] = attribute(value_type="file")
     transfer: tuple[Transfer | None, ...] = word(Transfer, without="what the file says")
     filter: tuple[words.TextureFilter, ...] = word(words.TextureFilter, "bilinear")
@@ -247,16 +232,12 @@ class Materials(eqx.Module):
     specular: Float[Array, "3 materials"] = _color("classic", "additive", additive=0.2)
     alpha: Float[Array, " materials"] = _weight("classic")
     ior: Float[Array, " materials"] = _index(default=(1.0,), model_defaults={"additive": (1.45,), "physical": (1.5,)})
-    hardness: Float[Array, " materials"] = attribute(
-        default=(1000.0,), only=("additive",), limit=NOT_NEGATIVE, quantity=AMOUNT
-    )
+    hardness: Float[Array, " materials"] = _scalar(1000.0, NOT_NEGATIVE, only=("additive",))
     reflectivity: Float[Array, " materials"] = _weight("additive", "physical")
     fresnel: Float[Array, " materials"] = _weight("additive")
     transmission: Float[Array, " materials"] = _weight("additive", "physical")
     emission: Float[Array, "3 materials"] = _color("physical", quantity=LIGHT)
-    absorption: Float[Array, "3 materials"] = _color(
-        "physical", limit=NOT_NEGATIVE, quantity=AMOUNT._replace(dimension=-1)
-    )
+    absorption: Float[Array, "3 materials"] = _color("physical", limit=NOT_NEGATIVE, quantity=PER_LENGTH)
     texture: tuple[int, ...] = _column(only=("physical",), without="")
 
 
@@ -291,10 +272,7 @@ class Spheres(eqx.Module):
 
 
 class Rectangles(eqx.Module):
-    """Two-sided rectangles `center + u right + v up` with u and v from -1 to 1.
-
-    `right` and `up` are the vectors from the center to the middles of two sides; they are orthogonal.
-    """
+    """Two-sided rectangles `center + u right + v up` with u and v from -1 to 1; `right` and `up` are orthogonal."""
 
     names: tuple[str, ...] = eqx.field(static=True)
     material: tuple[int, ...] = _column()

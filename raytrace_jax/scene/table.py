@@ -9,7 +9,7 @@ import numpy as np
 from raytrace_jax.scene import structs
 from raytrace_jax.scene.lens import visible_fraction
 from raytrace_jax.scene.response import FILM
-from raytrace_jax.scene.schema import Attribute, BlockType, Check, declared_attributes
+from raytrace_jax.scene.schema import BlockType
 
 SETTINGS = "settings"
 """The keyword of what a file says of how its picture is made."""
@@ -28,13 +28,9 @@ def _not_orthogonal(right: np.ndarray, up: np.ndarray) -> str | None:
     return f"right and up must be orthogonal, but the angle between them is {np.degrees(np.arccos(cosine)):.6g} degrees"
 
 
-def _looks_nowhere(viewpoint: np.ndarray, lookat: np.ndarray) -> str | None:
-    if np.any(viewpoint != lookat):
-        return None
-    return "lookat must be another point than viewpoint, or the camera looks nowhere"
-
-
 def _not_upright(viewpoint: np.ndarray, lookat: np.ndarray, up: np.ndarray) -> str | None:
+    if np.all(viewpoint == lookat):
+        return "lookat must be another point than viewpoint, or the camera looks nowhere"
     # Halved, the difference of two large numbers cannot overflow.
     view = _direction(np.asarray(lookat, np.float64) / 2 - np.asarray(viewpoint, np.float64) / 2)
     if np.linalg.norm(np.cross(view, _direction(up))) >= 1e-6:  # float32 resolves no more.
@@ -56,35 +52,21 @@ def _folds_over(pixeldim: np.ndarray, fov: np.ndarray, center: np.ndarray, disto
     )
 
 
-_SIDES = (Check(("right", "up"), _not_orthogonal),)
-_CAMERA_CHECKS = (
-    Check(("viewpoint", "lookat"), _looks_nowhere),
-    Check(("viewpoint", "lookat", "up"), _not_upright),
-    Check(("pixeldim", "fov", "center", "distortion"), _folds_over),
-)
-
-
-def _row(keyword: str, group: str, struct: type, checks: tuple[Check, ...] = (), kind: str = "", **other) -> BlockType:
-    """A type of block with the attributes of its struct; before these comes `kind` where there are several."""
-    kinds = (Attribute("kind", value_type="word", choices=(kind,)),) if kind else ()
-    return BlockType(keyword, group, struct, (*kinds, *declared_attributes(struct)), checks, **other)
-
-
 _ROWS = (
-    _row(SETTINGS, SETTINGS, structs.FileSettings, is_optional=True),
-    _row("camera", "camera", structs.ImagePlaneCamera),
-    _row("camera", "camera", structs.PerspectiveCamera, _CAMERA_CHECKS),
-    _row(FILM, FILM, structs.CameraResponse, is_optional=True),
-    _row("background", "background", structs.Background, is_optional=True, textures=("images",)),
-    _row("light", "lights", structs.PointLights),
-    _row("texture", "checkers", structs.Checkers, kind="checker"),
-    _row("texture", "images", structs.Images, kind="image"),
-    _row("material", "materials", structs.Materials),
-    _row("material", "abbe_materials", structs.AbbeMaterials),
-    _row("material", "channel_materials", structs.ChannelMaterials),
-    _row("plane", "planes", structs.Planes, textures=("checkers",)),
-    _row("sphere", "spheres", structs.Spheres),
-    _row("rectangle", "rectangles", structs.Rectangles, _SIDES, textures=("checkers", "images")),
+    BlockType(SETTINGS, SETTINGS, structs.FileSettings),
+    BlockType("camera", "camera", structs.ImagePlaneCamera),
+    BlockType("camera", "camera", structs.PerspectiveCamera, (_not_upright, _folds_over)),
+    BlockType(FILM, FILM, structs.CameraResponse),
+    BlockType("background", "background", structs.Background, textures=("images",)),
+    BlockType("light", "lights", structs.PointLights),
+    BlockType("texture", "checkers", structs.Checkers),
+    BlockType("texture", "images", structs.Images),
+    BlockType("material", "materials", structs.Materials),
+    BlockType("material", "abbe_materials", structs.AbbeMaterials),
+    BlockType("material", "channel_materials", structs.ChannelMaterials),
+    BlockType("plane", "planes", structs.Planes, textures=("checkers",)),
+    BlockType("sphere", "spheres", structs.Spheres),
+    BlockType("rectangle", "rectangles", structs.Rectangles, (_not_orthogonal,), textures=("checkers", "images")),
 )
 
 BLOCK_TYPES: dict[str, tuple[BlockType, ...]] = {
@@ -94,5 +76,4 @@ BLOCK_TYPES: dict[str, tuple[BlockType, ...]] = {
 """The types of blocks by keyword, in the order in which a scene is written."""
 
 SHAPE_KEYWORDS = tuple(dict.fromkeys(row.keyword for row in _ROWS if row.is_shape))
-ATTRIBUTE_NAMES = frozenset(attribute.name for row in _ROWS for attribute in row.attributes)
 COMPONENT_NAMES = frozenset(name for row in _ROWS for attribute in row.attributes for name in attribute.components)

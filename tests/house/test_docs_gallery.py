@@ -33,7 +33,8 @@ def models_of(keyword, attribute):
     """The models to which an attribute of such blocks means something."""
     if keyword == "background":
         return [name for name, model in MODELS.items() if model.background is not black]
-    users = [a for kinds in BLOCK_TYPES.values() for kind in kinds for a in kind.attributes if a.refers_to == keyword]
+    attributes = [a for kinds in BLOCK_TYPES.values() for kind in kinds for a in kind.attributes]
+    users = [a for a in attributes if (a.value_type, a.name) == ("name", keyword)]
     used = [name for name in MODELS if attribute.is_used_by(name)]
     return [name for name in used if not users or any(user.is_used_by(name) for user in users)]
 

@@ -1,7 +1,5 @@
 """Scenes built in Python: the same as from a file, with the same errors, and differentiable."""
 
-import inspect
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -46,12 +44,9 @@ def test_a_scene_of_all_blocks_is_that_of_the_file(model, dtype):
     assert_same_scene(scene, parse_scene(text, dtype=dtype, model=model))
     assert_same_scene(scene, parse_scene(format_scene(scene, model=model), dtype=dtype, model=model))
     assert scene.shape_order == ("ball", "floor", "backdrop", "small.ball")
-
-
-def test_the_courses_camera_is_told_by_its_attributes():
-    scene = make_scene(build.camera("eye", pixeldim=np.array([4, 3]), worlddim=(8, 6), viewpoint=(4, 3, 6)))
-    assert_same_scene(scene, parse_scene("camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"))
-    assert scene.camera.pixeldim == (4, 3)
+    course = make_scene(build.camera("eye", pixeldim=np.array([4, 3]), worlddim=(8, 6), viewpoint=(4, 3, 6)))
+    assert_same_scene(course, parse_scene("camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"))
+    assert course.camera.pixeldim == (4, 3)
 
 
 def test_every_keyword_has_a_constructor_that_explains_itself():
@@ -59,11 +54,10 @@ def test_every_keyword_has_a_constructor_that_explains_itself():
     for keyword, kinds in BLOCK_TYPES.items():
         constructor = getattr(build, keyword)
         assert constructor.__name__ == keyword and "make_scene" in constructor.__doc__
-        names = {attribute.name for kind in kinds for attribute in kind.attributes}
-        assert set(inspect.signature(constructor).parameters) == {"name", *names}
-        assert all(name in constructor.__doc__ for name in names)
-    assert str(inspect.signature(build.sphere)).startswith("(name: str, /, *, material, center, radius) ->")
-    assert inspect.signature(build.material).parameters["ior"].default == 1
+        assert all(attribute.name in constructor.__doc__ for kind in kinds for attribute in kind.attributes)
+    assert "    radius takes 1 number, greater than 0; required" in build.sphere.__doc__
+    assert "center takes 2 numbers (x y); default: the picture's middle" in build.camera.__doc__
+    assert "ior takes 1 number, greater than 0; default: 1, 1.45 (additive), 1.5 (physical)" in build.material.__doc__
     with pytest.raises(AttributeError, match="no attribute 'cone'; there are make_scene, settings, camera"):
         build.cone  # noqa: B018
 
@@ -80,22 +74,13 @@ def test_blocks_can_be_used_more_than_once():
     [
         (lambda: [BALL, GLASS], ["no camera"]),
         (lambda: [CAMERA, CAMERA], ["second camera", "camera 'eye' comes before it"]),
-        (lambda: [CAMERA, GLASS, BALL, BALL], ["shape name 'ball' is taken", "sphere 'ball' comes before it"]),
         (lambda: [CAMERA, BALL], ["sphere 'ball' has the unknown material 'glass'", "in this scene: none"]),
-        (
-            lambda: [CAMERA, GLASS, build.plane("p", material="glas", normal=(0, 0, 1), point=(0, 0, 0))],
-            ["plane 'p'", "Did you mean 'glass'?", "in this scene: glass"],
-        ),
         (lambda: [CAMERA, build.sphere("a b", radius=1)], ["name for this sphere", "'a b'", "one word"]),
         (lambda: [build.camera("eye", **EYE | {"pixeldim": (4.5, 3)})], ["2 whole numbers (x y)", "(4.5, 3)"]),
         (lambda: [CAMERA, build.material("m", ior="glass")], ["ior takes a number", "'glass'"]),
         (lambda: [CAMERA, build.material("m", ior=np.inf)], ["ior must be finite in float32", "inf"]),
         (lambda: [CAMERA, build.material("m", ambient=1)], ["ambient takes 3 numbers"]),
         (lambda: [CAMERA, build.sphere("s", material=3, center=(0, 0, 0), radius=1)], ["name of a material", "'3'"]),
-        (
-            lambda: [build.rectangle("r", material="m", center=(0, 0, 0), right=(1, 0, 0), up=(1, 1, 0))],
-            ["in rectangle 'r', right and up must be orthogonal", "45 degrees"],
-        ),
     ],
 )
 def test_errors_name_the_block_and_what_is_valid(describe, words):

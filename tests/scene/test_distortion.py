@@ -6,17 +6,7 @@ import numpy as np
 import pytest
 from scenes import camera_rays, resolved
 
-from raytrace_jax import (
-    ModelFileError,
-    ParameterError,
-    SceneError,
-    build,
-    format_scene,
-    get_parameter,
-    make_scene,
-    parse_scene,
-    set_parameters,
-)
+import raytrace_jax as rj
 from raytrace_jax.scene.lens import undistorted_factor
 from raytrace_jax.tracer.geometry.camera import ray
 
@@ -29,7 +19,7 @@ LENSES = [(0.0, 0.0), (-0.28, 0.07), (0.35, 0.0), (0.4, 0.9), (0.3, -0.08), (-0.
 def camera(center=(31.5, 23.5), distortion=(0, 0), fov=70, dtype=jnp.float64):
     center, distortion = (" ".join(map(repr, values)) for values in (center, distortion))
     text = f"camera eye {{ pixeldim {WIDTH} {HEIGHT} viewpoint 1 2 6 lookat 0.5 0 -1 up 0.2 1 0.1 fov {fov}"
-    return parse_scene(f"{text} center {center} distortion {distortion} }}", dtype=dtype)
+    return rj.parse_scene(f"{text} center {center} distortion {distortion} }}", dtype=dtype)
 
 
 def project(points, center, distortion, fov=70):
@@ -90,7 +80,7 @@ def test_directions_have_derivatives_by_center_and_distortion():
 
     @jax.jit
     def direction(x):
-        eye = set_parameters(scene, dict(zip(names, x[:4], strict=True))).camera
+        eye = rj.set_parameters(scene, dict(zip(names, x[:4], strict=True))).camera
         return ray(eye, x[4:5], x[5:])[1][:, 0]
 
     def differences(function, x, step=1e-5):
@@ -130,31 +120,29 @@ def test_a_distortion_that_folds_the_picture_over_is_refused():
     fold = np.sqrt(1 / (3 * 0.9))
     message = f"at {100 * fold * 2 / 3 / corner:.4g} % of the way from center to the farthest corner"
     for make, error in (
-        (lambda: camera(distortion=FOLDS), ModelFileError),
-        (lambda: set_parameters(scene, {"eye.distortion": FOLDS}), ParameterError),
-        (lambda: set_parameters(camera(distortion=(-0.15, 0)), {"eye.fov": 120}), ParameterError),
-        (lambda: set_parameters(camera(distortion=(-0.15, 0)), {"eye.center.x": -40}), ParameterError),
+        (lambda: camera(distortion=FOLDS), rj.ModelFileError),
+        (lambda: rj.set_parameters(scene, {"eye.distortion": FOLDS}), rj.ParameterError),
+        (lambda: rj.set_parameters(camera(distortion=(-0.15, 0)), {"eye.fov": 120}), rj.ParameterError),
+        (lambda: rj.set_parameters(camera(distortion=(-0.15, 0)), {"eye.center.x": -40}), rj.ParameterError),
     ):
         with pytest.raises(error, match="distortion must not fold the picture over, but it does at"):
             make()
-    with pytest.raises(ParameterError) as caught:
-        set_parameters(scene, {"eye.distortion.k1": -0.9})
+    with pytest.raises(rj.ParameterError) as caught:
+        rj.set_parameters(scene, {"eye.distortion.k1": -0.9})
     assert message in str(caught.value)
     eye = {"pixeldim": (4, 3), "viewpoint": (0, 0, 5), "lookat": (0, 0, 0), "fov": 70}
-    with pytest.raises(SceneError, match="camera 'eye', distortion must not fold"):
-        make_scene(build.camera("eye", **eye, distortion=FOLDS))
+    with pytest.raises(rj.SceneError, match="camera 'eye', distortion must not fold"):
+        rj.make_scene(rj.build.camera("eye", **eye, distortion=FOLDS))
 
 
 def test_the_default_center_follows_the_picture_and_is_not_written():
     text = "camera eye { pixeldim 5 4 viewpoint 0 0 5 lookat 0 0 0 fov 40 }"
-    scene = parse_scene(text)
+    scene = rj.parse_scene(text)
     assert scene.camera.center.tolist() == [2, 1.5] and scene.camera.distortion.tolist() == [0, 0]
-    assert "center" not in format_scene(scene) and "distortion" not in format_scene(scene)
-    changed = set_parameters(scene, {"eye.center.y": 1.25, "eye.distortion.k2": 0.1})
-    lines = [line.strip() for line in format_scene(changed).splitlines()]
+    assert "center" not in rj.format_scene(scene) and "distortion" not in rj.format_scene(scene)
+    changed = rj.set_parameters(scene, {"eye.center.y": 1.25, "eye.distortion.k2": 0.1})
+    lines = [line.strip() for line in rj.format_scene(changed).splitlines()]
     assert lines[-3:] == ["center 2 1.25", "distortion 0 0.1", "}"]
-    assert format_scene(parse_scene(format_scene(changed))) == format_scene(changed)
-    assert "center takes 2 numbers (x y); default the picture's middle" in build.camera.__doc__
-    assert "distortion takes 2 numbers (k1 k2); default (0.0, 0.0)" in build.camera.__doc__
-    with pytest.raises(ParameterError, match="distortion has no component 'x', its components are k1, k2"):
-        get_parameter(scene, "eye.distortion.x")
+    assert rj.format_scene(rj.parse_scene(rj.format_scene(changed))) == rj.format_scene(changed)
+    with pytest.raises(rj.ParameterError, match="distortion has no component 'x', its components are k1, k2"):
+        rj.get_parameter(scene, "eye.distortion.x")

@@ -10,26 +10,12 @@ from scenes import assignment_scene
 from scipy import ndimage
 
 from raytrace_jax import ParameterError, RenderSettings, make_renderer, picture_derivatives, render, set_parameters
-from raytrace_jax.scene.response import (
-    FILM_EFFECTS,
-    LEAST_LIGHT,
-    Frame,
-    develop,
-    light_reach,
-    neutral_response,
-    without_idle,
-)
+from raytrace_jax.scene.response import FILM_EFFECTS, LEAST_LIGHT, Frame, develop, neutral_response, without_idle
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 WHOLE = Frame(0, 0, 1, 32, 24)
 LIGHT = ndimage.gaussian_filter(np.random.default_rng(0).uniform(0, 1, (3, 24, 32)), (0, 1, 1), mode="nearest")
-VALUES = {
-    "vignetting": 0.2,
-    "blur": 0.8,
-    "gain": (0.9, 1.1, 0.7),
-    "offset": (0.01, -0.02, 0.0),
-    "gamma": 0.8,
-}
+VALUES = {"vignetting": 0.2, "blur": 0.8, "gain": (0.9, 1.1, 0.7), "offset": (0.01, -0.02, 0.0), "gamma": 0.8}
 SETTINGS = RenderSettings(size=(32, 24), max_bounces=2)
 
 
@@ -53,7 +39,6 @@ def test_a_neutral_film_does_nothing():
     found = np.asarray(develop(jnp.asarray(LIGHT), neutral_response(np.dtype(np.float64)), WHOLE))
     np.testing.assert_allclose(found, LIGHT, atol=1e-14)
     assert developed() is not None and np.array_equal(developed(), LIGHT)
-    assert light_reach(without_idle(neutral_response(np.dtype(np.float64)))) == 0
 
 
 def test_gain_and_offset_are_those_of_each_channel():
@@ -167,7 +152,7 @@ def test_derivative_pictures_know_the_film():
         ("film.gain.r", 0.0, "gain must be greater than 0"),
         ("film.blur", -0.1, "blur must be 0 or greater"),
         ("film.vignetting", 1.0, "vignetting must be -1 or greater and less than 1"),
-        ("film.shift.x", 1.0, "a film has no shift; set the camera's center"),
+        ("film.shift.x", 1.0, "unknown attribute 'shift'"),
     ],
 )
 def test_what_no_film_can_do_is_refused(name, value, words):

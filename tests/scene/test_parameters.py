@@ -75,18 +75,14 @@ def test_the_list_agrees_with_single_access_and_sets_back():
     assert_same_scene(again, VITREOUS)
 
 
-def test_a_direct_attribute_beats_the_one_through_the_material():
-    assert float(get_parameter(SHARED, "ball.ior")) == np.float32(1.2)
-    assert shared_with(SHARED, "ball.ior") == ()
-    assert float(get_parameter(SHARED, "ball.radius")) == 2
-
-
 def test_shapes_that_share_a_material_are_told_in_the_files_order():
     assert shared_with(SHARED, "wall.ior") == ("last", "ball")
     assert shared_with(SHARED, "last.ambient.r") == ("wall", "ball")
     assert shared_with(SHARED, "last.center") == ()
     assert shared_with(SHARED, "glass.ior") == ()
     assert shared_with(VITREOUS, "vitreous.ior") == ()
+    # A block's own attribute comes before that of a shape's material.
+    assert float(get_parameter(SHARED, "ball.ior")) == np.float32(1.2) and shared_with(SHARED, "ball.ior") == ()
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

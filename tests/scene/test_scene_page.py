@@ -8,7 +8,6 @@ from command_line import run
 from scenes import DATA, assert_same_scene
 
 from raytrace_jax import get_parameter, parse_scene
-from raytrace_jax.scene.schema import DerivedDefault
 from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import MODEL_RULES
@@ -27,18 +26,9 @@ def rows(kind):
 
 
 def row(attribute):
-    defaults = {"": attribute.default, **attribute.model_defaults} if attribute.default else {}
-    default = ", ".join(written(values) + (f" ({model})" if model else "") for model, values in defaults.items())
     values = attribute.describe().removeprefix(f"{attribute.name} takes ").removeprefix(f"{attribute.name} is ")
     limit = attribute.limit.wanted if attribute.limit else ""
-    without = (attribute.without or "none") if attribute.is_optional else "required"
-    return f"| `{attribute.name}` | {values} | {limit} | {default or without} |"
-
-
-def written(values):
-    if isinstance(values, str):
-        return values
-    return values.words if isinstance(values, DerivedDefault) else " ".join(f"{number:g}" for number in values)
+    return f"| `{attribute.name}` | {values} | {limit} | {attribute.default_words} |"
 
 
 def test_settings_that_are_left_out_are_the_models_own():

@@ -1,6 +1,7 @@
 """Tables: the rows of blocks name things that exist, and the names that one table has, the others know."""
 
 import dataclasses
+import inspect
 from typing import get_args
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from raytrace_jax import Scene
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.linearize import LOSSES
-from raytrace_jax.scene.schema import DerivedDefault
+from raytrace_jax.scene.schema import PICTURE_MIDDLE
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, SHAPE_KEYWORDS
 from raytrace_jax.tracer.geometry.camera import DIRECTIONS
@@ -30,23 +31,20 @@ def test_every_field_of_a_scene_has_its_rows():
 def test_a_row_fits_its_struct_and_itself(kind):
     names = [attribute.name for attribute in kind.attributes]
     own = "name" if kind.is_single else "names"
-    stored = [attribute.name for attribute in kind.attributes if attribute.is_stored]
     made = ["texels"] if any(attribute.value_type == "file" for attribute in kind.attributes) else []
-    assert sorted(field.name for field in dataclasses.fields(kind.struct)) == sorted([own, *stored, *made])
+    assert sorted(field.name for field in dataclasses.fields(kind.struct)) == sorted([own, *names, *made])
     for check in kind.checks:
-        assert set(check.attributes) <= set(names)
+        assert set(inspect.signature(check).parameters) <= set(names)
     for attribute in kind.attributes:
         assert set(attribute.quantity.sized_by) <= set(names)
         assert bool(attribute.quantity.sized_by) == (attribute.quantity.scale == "block")
-        assert (attribute.refers_to in BLOCK_TYPES) == (attribute.value_type == "name")
+        assert (attribute.name in BLOCK_TYPES) == (attribute.value_type == "name")
         assert (attribute.value_type == "word") == bool(attribute.choices)
         assert attribute.value_type != "number" or not attribute.is_optional, "a number that is not there is no number"
         defaults = [attribute.default, *attribute.model_defaults.values()]
-        if isinstance(attribute.default, DerivedDefault):
-            sources = attribute.default.attributes
-            assert set(sources) <= set(kind.required("classic")) and not attribute.only
-            ones = {name: np.ones(kind.find(name).shape) for name in sources}
-            defaults[0] = attribute.default_of("classic", ones.__getitem__)
+        if attribute.default == PICTURE_MIDDLE:
+            assert "pixeldim" in kind.required("classic") and not attribute.only
+            defaults[0] = attribute.default_of("classic", {"pixeldim": (4, 3)}.__getitem__)
         for values in filter(None, defaults):
             if attribute.is_text:
                 assert values in attribute.choices
@@ -58,7 +56,7 @@ def test_a_row_fits_its_struct_and_itself(kind):
 
 def test_kinds_of_one_keyword_can_be_told_apart():
     for kinds in BLOCK_TYPES.values():
-        assert len({(kind.keyword, kind.is_single, kind.is_optional, kind.is_shape) for kind in kinds}) == 1
+        assert len({(kind.keyword, kind.is_single, kind.is_shape) for kind in kinds}) == 1
         assert len({kind.group for kind in kinds}) == (1 if kinds[0].is_single else len(kinds))
         for kind in kinds:
             for other in [other for other in kinds if other is not kind]:

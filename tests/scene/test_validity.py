@@ -28,7 +28,7 @@ def with_radius(scene, radius):
 def test_a_scene_made_by_hand_is_refused_when_it_is_rendered(radius):
     scene = with_radius(load_scene(VITREOUS), radius)
     name = scene.spheres.names[1]
-    message = rf"^sphere '{name}': radius must be finite and greater than 0, got {radius}\.$"
+    message = rf"^sphere '{name}': radius must be finite and greater than 0, not too small for float64, got {radius}\.$"
     for use in (render, make_renderer, lambda scene, settings: picture_derivatives(scene, [f"{name}.ior"], settings)):
         with pytest.raises(SceneError, match=message):
             use(scene, SMALL)
@@ -40,18 +40,10 @@ def test_a_scene_made_by_hand_is_refused_when_it_is_rendered(radius):
         (lambda scene: scene.camera.viewpoint, [1.0, np.nan, 3.0], "camera 'cam1': viewpoint must be finite, got"),
         (lambda scene: scene.lights.emissivity, np.inf, "light .*: emissivity must be finite, got inf inf inf"),
         (lambda scene: scene.planes.normal, 0.0, "plane .*: normal must be finite and a vector other than 0 0 0"),
-        (lambda scene: scene.materials.ior, 0.0, "material .*: ior must be finite and greater than 0, got 0.0"),
-        (
-            lambda scene: scene.spheres.radius,
-            5e-324,
-            "sphere .*: radius must be .* got 5e-324, which is too small for fl",
-        ),
-        (
-            lambda scene: scene.planes.normal,
-            1e-200,
-            "plane .*: normal must be .* 1e-200, which is too small for float64",
-        ),
-        (lambda scene: scene.camera.worlddim, np.float32(1e-12), "worlddim must be .*, which is too small for float32"),
+        (lambda scene: scene.materials.ior, 0.0, "material .*: ior must be finite and greater than 0, not .*, got 0.0"),
+        (lambda scene: scene.spheres.radius, 5e-324, "sphere .*: radius must be .* not too small .* got 5e-324"),
+        (lambda scene: scene.planes.normal, 1e-200, "plane .*: normal must be .* not too small for float64.* 1e-200"),
+        (lambda scene: scene.camera.worlddim, np.float32(1e-12), "worlddim must be .*, not too small for float32"),
     ],
 )
 def test_every_number_is_looked_at(where, value, words):
@@ -139,21 +131,6 @@ def test_targets_that_may_well_be_meant_are_not():
     observe(GRAY, None, parse_scene(colourless), SMALL)
 
 
-def test_a_matt_surface_that_no_light_reaches_is_told():
-    text = """camera eye { pixeldim 8 6 viewpoint 0 0 5 lookat 0 0 0 up 0 1 0 }
-    background sky { radiance 1 1 1 }
-    material wall { diffuse 0.5 0.5 0.5 }
-    material lamp { diffuse 0.5 0.5 0.5 emission 1 1 1 }
-    rectangle back { material wall center 0 0 -2 right 6 0 0 up 0 6 0 }
-    sphere ball { material wall center 0 0 0 radius 1 }
-    sphere bulb { material lamp center 0 2 0 radius 1 }
-    """
-    (sentence,) = scene_warnings(parse_scene(text, model="physical"), "physical")
-    assert sentence.startswith("back, ball are matt and black: only light blocks shine on matt surfaces")
-    lit = text + "light lamp2 { location 0 5 0 emissivity 1 1 1 }"
-    assert scene_warnings(parse_scene(lit, model="physical"), "physical") == []
-
-
 def ball(name, material, radius, center="0 0 0"):
     return f"sphere {name} {{ material {material} center {center} radius {radius} }}"
 
@@ -173,12 +150,8 @@ def plane(name, material, normal, point="0 0 -3"):
         ([ball("one", "mirror", 1, "0 2 0"), ball("two", "mirror", 1, "0 2 0")], 5, None),
         ([plane("a", "crown", "0 0 2"), plane("b", "air", "0 0 1", "4 2 -3")], 5, "the surfaces of a and b are"),
         ([plane("a", "crown", "0 0 1"), plane("b", "air", "0 0 -1")], 5, None),
-        ([], 1.000001, "the camera eye is less than 1e-05 units from the surface of ball"),
-        (
-            [plane("pane", "crown", "0 0 1", "3 0 5")],
-            5,
-            "the camera eye is less than 1e-05 units from the surface of p",
-        ),
+        ([], 1.000001, "the camera eye and the surface of ball are less than 1e-05 units apart"),
+        ([plane("pane", "crown", "0 0 1", "3 0 5")], 5, "the camera eye and the surface of pane are less than 1e-05"),
         ([plane("wall", "mirror", "0 0 1", "3 0 5")], 5, None),
     ],
 )

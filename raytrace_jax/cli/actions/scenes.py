@@ -84,7 +84,7 @@ def _what(scene: Scene, block: Block, model: ModelName) -> str:
         return f"{kind}, texture {texture.name}" if texture else kind
     if block.keyword == "texture":
         file = block.read(scene, "file") if block.type.find("file") else ""
-        return f"image {file}" if file else next(a.choices[0] for a in block.type.attributes if not a.is_stored)
+        return f"image {file}" if file else block.read(scene, "kind")
     if block.keyword == "background":
         texture = block.refers_to(scene, "texture")
         return f"texture {texture.name}" if texture else "one colour"
