@@ -98,12 +98,12 @@ def test_the_page_is_the_paper_and_the_same_board_is_the_same_file(paper, tmp_pa
     assert box and [float(side) for side in box.groups()] == pytest.approx([72 * s / 25.4 for s in PAPERS[paper]])
 
 
-@pytest.mark.parametrize("square", [10, 0.8 * board_sheet.INCH])
+@pytest.mark.parametrize("square", [10, 0.8 * 25.4])
 def test_the_drawn_page_is_decoded_at_its_true_size(square):
     pattern = Pattern(*board_sheet.squares_within(board_sheet.paper_room("a4"), square, None, "A4"), square)
     board_sheet.draw_sheet(pattern, "a4").savefig(file := io.BytesIO(), dpi=200, format="png")
     page = np.asarray(Image.open(file).convert("L"))
-    scale = 200 / board_sheet.INCH
+    scale = 200 / 25.4
     left = (PAPERS["a4"][0] - pattern.columns * square) / 2
     top = board_sheet.MARGIN + (board_sheet.paper_room("a4")[1] - pattern.rows * square) / 2
     # Matplotlib rounds a page to whole pixels, and counts places from its lower edge.
