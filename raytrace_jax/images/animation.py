@@ -13,8 +13,7 @@ from raytrace_jax.util.files import atomic_write
 
 SUFFIXES = (".gif", ".mp4")
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
-MOST_GIF_FPS = 50
-"""What viewers show at full speed: two hundredths of a second a frame."""
+MOST_GIF_FPS = 50  # What viewers show at full speed: two hundredths of a second a frame.
 
 _PAIR = np.array([[0, 2], [3, 1]])
 DITHER = 8 * ((4 * np.tile(_PAIR, (2, 2)) + np.kron(_PAIR, np.ones((2, 2)))) / 15 - 0.5)
@@ -24,8 +23,7 @@ DITHER = 8 * ((4 * np.tile(_PAIR, (2, 2)) + np.kron(_PAIR, np.ones((2, 2)))) / 1
 def write_animation(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
     """Write RGB frames of one size, by the suffix of the path, `.gif` or `.mp4`; the file appears when it is whole.
 
-    Raises:
-        RaytraceError: the file cannot be written, or ffmpeg is missing or fails.
+    Raises RaytraceError if the file cannot be written, or ffmpeg is missing or fails.
     """
     if path.suffix.lower() == ".mp4":
         return _write_mp4(path, frames, fps)
@@ -58,14 +56,17 @@ def label_frames(frames: Sequence[Image.Image], name: str, values: Sequence[str]
         for frame, text in zip(labelled, texts, strict=True):
             ImageDraw.Draw(frame).text((size // 2, height - size // 2), text, "white", font, **style)
         return labelled
-    font, line, room = ImageFont.load_default(least), least + 3, width - 2
-    if max(map(font.getlength, texts)) <= room:
-        return [_with_strip(frame, [text], font, line) for frame, text in zip(frames, texts, strict=True)]
-    # The end of a name says more than its beginning.
-    short = name
-    while font.getlength(short) > room and len(short) > 1:
-        short = f"..{short.removeprefix('..')[1:]}" if len(short) > 3 else short[1:]
-    return [_with_strip(frame, [short, f"= {value}"], font, line) for frame, value in zip(frames, values, strict=True)]
+    font, line, lines = ImageFont.load_default(least), least + 3, [[text] for text in texts]
+    if max(map(font.getlength, texts)) > width - 2:
+        lines = [[shortened(name, font, width - 2), f"= {value}"] for value in values]
+    return [_with_strip(frame, some, font, line) for frame, some in zip(frames, lines, strict=True)]
+
+
+def shortened(text: str, font: Font, width: int) -> str:
+    """A text no wider than so many pixels, without its beginning, which says less than its end."""
+    while font.getlength(text) > width and len(text) > 3:
+        text = f"..{text.removeprefix('..')[1:]}"
+    return text
 
 
 def _with_strip(frame: Image.Image, lines: Sequence[str], font: Font, line: int) -> Image.Image:

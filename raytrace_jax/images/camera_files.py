@@ -6,7 +6,6 @@ What is undone here is what OpenImageIO leaves, or what programs disagree on (TI
 import contextlib
 import os
 import re
-import struct
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from PIL.ExifTags import Base
 
 from raytrace_jax.images import Transfer
-from raytrace_jax.images.exif import directories, exif_of
+from raytrace_jax.images.exif import BROKEN, directories, exif_of
 from raytrace_jax.images.icc import Curve, read_profile
 from raytrace_jax.images.picture_file import LibraryFile
 from raytrace_jax.images.transfer import REC_709, ColourSpace, power_curve, srgb_to_linear, to_rec_709
@@ -43,27 +42,23 @@ COLOURS = {8: "CIE L*a*b*", 9: "ICC L*a*b*", 10: "ITU L*a*b*", 32844: "LogL", 32
 
 MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]", re.DOTALL)
 """A marker of a JPEG that is followed by a length, or the end; others stand amid the picture's bits."""
+START_OF_SCAN, END_OF_IMAGE, PROGRESSIVE_FRAMES = 0xDA, 0xD9, (0xC2, 0xC6, 0xCA, 0xCE)
 
 
 class CameraFile(LibraryFile):
     """A JPEG or a TIFF, which says by an ICC profile what its numbers mean, or by EXIF that it does not say."""
 
-    def meaning(self) -> Transfer | ColourSpace | None:
+    def stated(self) -> Transfer | ColourSpace | None:
         """What the ICC profile says, else the tags that TIFF and EXIF share; None where neither says anything."""
         profile = self.spec.getattribute("ICCProfile")
-        try:
-            if profile is not None:
-                return read_profile(np.asarray(profile, np.uint8).tobytes()) or "srgb"
-            return _space(exif_of(self.path), power_curve(1.0) if self.bits() == 0 else srgb_to_linear)
-        except ValueError as cause:
-            raise self.error(str(cause)) from cause
+        if profile is not None:
+            return read_profile(np.asarray(profile, np.uint8).tobytes()) or "srgb"
+        return _space(exif_of(self.path), power_curve(1.0) if self.bits() == 0 else srgb_to_linear)
 
     def light(self, transfer: Transfer | None = None) -> np.ndarray:
-        """As of any file; a warning tells if it says that its colours are others and not which."""
         light = super().light(transfer)
         # EXIF knows sRGB, which is 1, and `uncalibrated`.
-        is_told = transfer is not None or CameraFile.meaning(self) is not None
-        if not is_told and self.spec.get_int_attribute("Exif:ColorSpace", 1) != 1:
+        if self.spec.get_int_attribute("Exif:ColorSpace", 1) != 1 and not (transfer or CameraFile.stated(self)):
             self.tell("its EXIF says that its colours are not sRGB, and not what they are: they are read as sRGB.")
         return light
 
@@ -73,9 +68,8 @@ class JpegFile(CameraFile):
 
     format, suffixes = "JPEG", (".jpg", ".jpeg", ".jpe")
 
-    def meaning(self) -> Transfer | ColourSpace:
-        """What the ICC profile says, else sRGB."""
-        return super().meaning() or "srgb"
+    def stated(self) -> Transfer | ColourSpace:
+        return super().stated() or "srgb"
 
     def stored(self) -> np.ndarray:
         """As of any file, if all of it is there: libraries fill what a progressive one lacks from what is there."""
@@ -108,14 +102,10 @@ class TiffFile(CameraFile):
         if colours is not None:
             raise self.error(f"its colours are {colours}; RGB is wanted")
         if tags.get(Base.Predictor, 1) in (2, 3) and tags.get(Base.Compression, 1) == 1:
-            said = f"says that it stores differences (predictor {tags[Base.Predictor]}) without compression"
-            raise self.error(f"{said}, which programs read differently: save it without predictor")
+            raise self.error("has a predictor without compression, which programs read differently: save it without")
         levels, largest = np.ravel(tags.get(Base.ReferenceBlackWhite, ())).tolist(), 2**bits - 1
         if levels and levels not in ([0, largest] * 3, [0, largest, *(2 ** (bits - 1), largest) * 2]):
-            wanted = f"0 and {largest} are wanted: save it with the full range"
-            raise self.error(
-                f"says that its numbers of black and white are {levels} (ReferenceBlackWhite), and {wanted}"
-            )
+            raise self.error(f"has a ReferenceBlackWhite of {levels}; 0 and {largest} are wanted, the full range")
         is_white_zero = tags.get(Base.PhotometricInterpretation) == 0
         if stored.dtype.kind != "u":
             if is_white_zero:
@@ -130,41 +120,26 @@ class TiffFile(CameraFile):
 
 
 def _space(tags: Mapping[int, Any], usual: Curve) -> ColourSpace | None:
-    """What the tags of TIFF 6.0 (20), which EXIF has too, say of curve and primaries; None where it is nothing new.
+    """What the tags of TIFF 6.0 (20), which EXIF has too, say of primaries; None where it is nothing new.
 
-    `usual` is the curve of numbers of which no table is given. Raises ValueError where it cannot be; the text completes
-    "FILE: ".
+    `usual` is the curve of the numbers. Raises ValueError where it cannot be; the text completes "FILE: ".
     """
+    if Base.TransferFunction in tags:
+        raise ValueError("has a TransferFunction, which is not read: convert it to sRGB or say --transfer srgb")
     try:
-        table, white, primaries = (
-            np.ravel(tags.get(tag, ())).astype(float)
-            for tag in (Base.TransferFunction, Base.WhitePoint, Base.PrimaryChromaticities)
-        )
-        # A curve for all channels, or for each one, has 2^bits entries.
-        curves = table.reshape(3 if table.size % 3 == 0 else 1, -1) / 65535
+        kinds = (Base.WhitePoint, Base.PrimaryChromaticities)
+        white, primaries = (np.ravel(tags.get(tag, ())).astype(float) for tag in kinds)
     except (TypeError, ValueError) as cause:
-        raise ValueError("has a TransferFunction, WhitePoint or PrimaryChromaticities that are no numbers") from cause
-    if tags.get(Base.PhotometricInterpretation) == 0:
-        curves = curves[:, ::-1]
-    codes = curves.shape[1]
+        raise ValueError("has a WhitePoint or PrimaryChromaticities that are no numbers") from cause
     matrix = to_rec_709((*(primaries if primaries.size else REC_709[:6]), *(white if white.size else REC_709[6:])))
-    if codes == 0:
-        return None if matrix is None else ColourSpace("by PrimaryChromaticities", usual, matrix)
-    if codes == 1:
-        raise ValueError("has a TransferFunction of one number, and one for each stored number is wanted")
-
-    def curve(encoded: np.ndarray) -> np.ndarray:
-        places = np.linspace(0, 1, codes)
-        return np.stack([np.interp(encoded[..., k], places, curves[k % len(curves)]) for k in range(3)], axis=-1)
-
-    return ColourSpace("by TransferFunction", curve, matrix)
+    return None if matrix is None else ColourSpace("by PrimaryChromaticities", usual, matrix)
 
 
 def _is_raw(path: str | os.PathLike[str]) -> bool:
     """Whether a TIFF is a raw file, whose first picture may be a preview: by its name, or the tags of its pictures."""
     if Path(path).suffix.lower() in RAW_SUFFIXES:
         return True
-    with warnings.catch_warnings(), contextlib.suppress(OSError, SyntaxError, ValueError, LookupError, struct.error):
+    with warnings.catch_warnings(), contextlib.suppress(*BROKEN):
         warnings.simplefilter("ignore")  # What Pillow says of broken tags, of which OpenImageIO will speak.
         for number, tags in enumerate(directories(path)):
             if (
@@ -180,21 +155,16 @@ def _is_raw(path: str | os.PathLike[str]) -> bool:
 
 
 def lacks_scans(data: bytes) -> bool:
-    """Whether a JPEG's file ends before all bits of all coefficients have come (ISO/IEC 10918-1, B.2 and G.1.1)."""
-    start_of_scan, end_of_image = 0xDA, 0xD9
+    """Whether a progressive JPEG ends before all bits of all coefficients came (ISO/IEC 10918-1, B.2 and G.1.1)."""
     # For each component, by its number, and each coefficient: how many bits are left to come.
-    left, components, is_progressive, position = np.full((256, 64), 16), [], False, 2
-    while (found := MARKER.search(data, position)) is not None and (kind := data[found.start() + 1]) != end_of_image:
-        start = found.start() + 4
-        position = start - 2 + max(2, int.from_bytes(data[start - 2 : start], "big"))
+    left, components, position = np.full((256, 64), 16), [], 2
+    while (found := MARKER.search(data, position)) is not None and (kind := found[0][1]) != END_OF_IMAGE:
+        start = found.end() + 2
+        position = start - 2 + max(2, int.from_bytes(data[start - 2 : start]))
         segment = data[start:position]
-        if kind == start_of_scan and segment and len(segment) >= 4 + 2 * segment[0]:
+        if kind == START_OF_SCAN and segment and len(segment) >= 4 + 2 * segment[0]:
             first, last, bits = segment[1 + 2 * segment[0] :][:3]
-            these = list(segment[1 : 1 + 2 * segment[0] : 2])
-            if is_progressive:
-                left[these, first : last + 1] = bits & 15
-            else:
-                left[these] = 0
-        elif 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC) and len(segment) > 6:
-            components, is_progressive = list(segment[6::3]), kind & 3 == 2
+            left[list(segment[1 : 1 + 2 * segment[0] : 2]), first : last + 1] = bits & 15
+        elif kind in PROGRESSIVE_FRAMES:
+            components = list(segment[6::3])
     return bool(left[components].any())

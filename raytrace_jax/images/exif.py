@@ -1,5 +1,6 @@
 """EXIF of JPEGs, PNGs and TIFFs, read by Pillow: how a picture is turned, and through which lens it was taken."""
 
+import contextlib
 import math
 import os
 import struct
@@ -16,7 +17,6 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.util.files import read_bytes
-from raytrace_jax.util.text import MILLIMETRES
 
 TURNS = {
     1: lambda picture: picture,
@@ -30,8 +30,7 @@ TURNS = {
 }
 """For each orientation of EXIF how "height width channels" becomes upright (Exif 2.32, tag 0x0112)."""
 
-BACK = {6: 8, 8: 6}
-"""Which of EXIF's orientations undoes one, where it does not undo itself."""
+BACK = {6: 8, 8: 6}  # Which of EXIF's orientations undoes one, where it does not undo itself.
 
 TOLD = {
     Base.Make: "the camera's maker",
@@ -42,11 +41,11 @@ TOLD = {
 }
 """What EXIF tells of a camera and its zoom."""
 
-DIAGONAL_OF_FILM = math.hypot(36, 24)
-"""The diagonal of a frame of 35 mm film, in millimetres."""
+BROKEN = (OSError, EOFError, SyntaxError, ValueError, LookupError, TypeError, ArithmeticError, struct.error)
+"""What Pillow raises of broken tags."""
 
-RESOLUTION_UNITS = {2: "in", 3: "cm", 4: "mm", 5: "um"}
-"""EXIF's units of the focal plane's resolution."""
+DIAGONAL_OF_FILM = math.hypot(36, 24)  # Of a frame of 35 mm film, in millimetres.
+RESOLUTION_UNITS = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # EXIF's units of the focal plane's resolution, in millimetres.
 
 
 def orientation_of(path: str | os.PathLike[str]) -> int:
@@ -58,12 +57,10 @@ def orientation_of(path: str | os.PathLike[str]) -> int:
 def upright(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
     """A picture "height width channels" as it is stored, turned as its file says, of which a PictureWarning tells."""
     orientation = orientation_of(path)
-    if orientation == 1:
-        return stored
     turned = TURNS[orientation](stored)
-    height, width, _ = turned.shape
-    words = f"{path} says that it is turned (orientation {orientation}): upright it is {width} x {height}."
-    warnings.warn(words, PictureWarning, stacklevel=5)
+    if orientation != 1:
+        words = f"says that it is turned (orientation {orientation}): upright it is {turned.shape[1]} x {len(turned)}."
+        warnings.warn(f"{path} {words}", PictureWarning, stacklevel=5)
     return turned
 
 
@@ -79,27 +76,22 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
     It follows from the focal length for 35 mm film, whose frame has a diagonal of 43.27 mm (Exif 2.32, tag 0xA405), or
     from the lens's own and the width of the sensor: the pixels that the camera wrote (0xA002) over their density in the
     sensor's plane (0xA20E). A digital zoom (0xA404) shows less of it. The picture may have been made smaller since, but
-    not cut. Raises PictureError if the file is missing.
-
-    Warns:
-        PictureWarning: what it tells cannot be, and is not believed.
+    not cut. A PictureWarning tells of what cannot be, and is not believed. Raises PictureError if the file is missing.
     """
     exif = exif_of(path)
 
     def number(tag: Base) -> float:
         """What the file tells; 0 where it tells nothing."""
-        try:
-            value = float(exif.get(tag, 0))
-        except (TypeError, ValueError):
-            return 0.0
-        return value if math.isfinite(value) and value > 0 else 0.0
+        with contextlib.suppress(TypeError, ValueError):
+            if 0 < (value := float(exif.get(tag, 0))) < math.inf:
+                return value
+        return 0.0
 
     width, height = number(Base.ImageWidth), number(Base.ImageLength)
     focal, as_on_film = number(Base.FocalLength), number(Base.FocalLengthIn35mmFilm)
     was = number(Base.ExifImageWidth), number(Base.ExifImageHeight)
     density, unit = number(Base.FocalPlaneXResolution), int(number(Base.FocalPlaneResolutionUnit))
     zoom = number(Base.DigitalZoomRatio) or 1.0
-    told = f"{path}: its EXIF tells a focal length of {as_on_film or focal:g} mm" + " for 35 mm film" * bool(as_on_film)
 
     # The focal length in pixels of the picture as it is stored, in one of two ways, and the sensor's width with it.
     sensor = pixels = 0.0
@@ -107,7 +99,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
         pixels = as_on_film / DIAGONAL_OF_FILM * math.hypot(width, height)
         sensor = focal / pixels * width
     elif focal and density and unit in RESOLUTION_UNITS:
-        sensor = (was[0] or width) / density * MILLIMETRES[RESOLUTION_UNITS[unit]]
+        sensor = (was[0] or width) / density * RESOLUTION_UNITS[unit]
         is_rotated = all(was) and (was[0] > was[1]) != (width > height)
         pixels = focal / sensor * (height if is_rotated else width)
     if not pixels:
@@ -117,23 +109,15 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
     # in medium format.
     is_turned = orientation_of(path) > 4
     angle = math.degrees(2 * math.atan((height if is_turned else width) / (2 * zoom * pixels)))
-    if sensor and not 2.0 < sensor < 60.0:
-        told += f" and a sensor that is {sensor:.3g} mm wide, which no camera has"
-    elif all(was) and not _same_shape(was, (width, height)):
-        told += f" for {was[0]:g} x {was[1]:g} pixels, and it has {width:g} x {height:g}: it was cut"
-    elif not 0.1 < angle < 170.0:
-        told += f", an angle of view of {angle:.2g} degrees, which no lens has"
+    if (sensor and not 2.0 < sensor < 60.0) or not 0.1 < angle < 170.0:
+        why = f"no camera has a sensor {sensor:.3g} mm wide and an angle of view of {angle:.3g} degrees"
+    # Upright or turned, and with sizes that programs round, for small pictures by up to 2 %.
+    elif all(was) and min(abs(math.log(width / height) - turn * math.log(was[0] / was[1])) for turn in (1, -1)) > 0.02:
+        why = f"it was cut to {width:g} x {height:g} of {was[0]:g} x {was[1]:g} pixels"
     else:
         return angle
-    warnings.warn(f"{told}: the angle of view is not taken from it.", PictureWarning, stacklevel=2)
+    warnings.warn(f"{path}: its EXIF is not believed, for {why}.", PictureWarning, stacklevel=2)
     return None
-
-
-def _same_shape(was: tuple[float, float], now: tuple[float, float]) -> bool:
-    """Whether a picture of one size can be one of another size made smaller, upright or turned."""
-    shape, *others = (math.log(width / height) for width, height in (now, was, was[::-1]))
-    # Programs round the sizes of small pictures, by up to 2 %.
-    return min(abs(shape - other) for other in others) < 0.02
 
 
 def exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
@@ -143,19 +127,16 @@ def exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
     """
     start = read_bytes(path, count=4, error=PictureError)
     reads = {b"\xff\xd8": JpegImageFile, b"\x89P": PngImageFile}.get(start[:2])
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # What Pillow says of broken EXIF.
-            if reads is not None:
-                with reads(os.fspath(path)) as image:
-                    exif, (width, height) = image.getexif(), image.size
-                    return {**exif, **exif.get_ifd(IFD.Exif), Base.ImageWidth: width, Base.ImageLength: height}
-            if start[:2] in (b"II", b"MM"):
-                first = next(directories(path))
-                inner = next(directories(path, first[IFD.Exif])) if IFD.Exif in first else {}
-                return {**first, **inner}
-    except (OSError, EOFError, SyntaxError, ValueError, LookupError, TypeError, ArithmeticError, struct.error):
-        pass
+    with warnings.catch_warnings(), contextlib.suppress(*BROKEN):
+        warnings.simplefilter("ignore")  # What Pillow says of broken EXIF.
+        if reads is not None:
+            with reads(os.fspath(path)) as image:
+                exif, (width, height) = image.getexif(), image.size
+                return {**exif, **exif.get_ifd(IFD.Exif), Base.ImageWidth: width, Base.ImageLength: height}
+        if start[:2] in (b"II", b"MM"):
+            first = next(directories(path))
+            inner = next(directories(path, first[IFD.Exif])) if IFD.Exif in first else {}
+            return {**first, **inner}
     return {}
 
 

@@ -5,7 +5,6 @@ Arrays are "height width" with the top row first, as the file has them. Channel 
 """
 
 import contextlib
-import difflib
 import io
 import json
 import os
@@ -24,26 +23,24 @@ from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.picture_file import KEY, to_json
 from raytrace_jax.util.files import atomic_write, read_bytes
 from raytrace_jax.util.numerics import real_numbers
+from raytrace_jax.util.text import did_you_mean
 
 MAGIC = b"\x76\x2f\x31\x01"
 """The first four bytes of every OpenEXR file."""
 
 RGB = ("R", "G", "B")
 
-# Compressions by the sizes of floats that they change: PXR24 drops bits of 32-bit floats only, B44 those of halfs.
-_LOSSY = {"DWAA": (2, 4), "DWAB": (2, 4), "LJ2K": (2, 4), "B44": (2,), "B44A": (2,), "PXR24": (4,)}
+# Compressions by the floats that they change: PXR24 drops bits of 32-bit floats only, B44 those of halfs.
+_LOSSY = {**dict.fromkeys(("DWAA", "DWAB", "LJ2K"), ("f2", "f4")), "B44": ("f2",), "B44A": ("f2",), "PXR24": ("f4",)}
 
 
 @dataclass(frozen=True, eq=False)
 class ExrPicture:
     """What an OpenEXR file holds."""
 
-    channels: dict[str, np.ndarray]
-    """Arrays "height width" by their full names, float32 (a half is exact in it) or uint32."""
-    metadata: dict[str, object]
-    """What `write_exr` was given; empty for the files of other programs."""
-    compression: str
-    """Of the first part, such as `ZIP`."""
+    channels: dict[str, np.ndarray]  # "height width" by their full names, float32 (a half is exact in it) or uint32.
+    metadata: dict[str, object]  # What `write_exr` was given; empty for the files of other programs.
+    compression: str  # Of the first part, such as `ZIP`.
     attributes: dict[str, dict[str, Any]]
     """What the file says of each channel: the header of its part, and what that leaves out as the first part has it."""
 
@@ -71,15 +68,13 @@ def write_exr(
     where = f"{path}: cannot be written"
     if not isinstance(channels, Mapping):
         if np.ndim(channels) != 3 or np.shape(channels)[0] != 3:
-            came = f"an array of shape {np.shape(channels)}" if hasattr(channels, "shape") else type(channels).__name__
             wanted = "an array of shape (3, height, width) or channels by their names is wanted"
-            raise PictureError(f"{where}: {wanted}, not {came}")
+            raise PictureError(f"{where}: {wanted}, not {type(channels).__name__} of shape {np.shape(channels)}")
         channels = dict(zip(RGB, np.ma.asarray(channels), strict=True))
     dtype = np.float16 if half else np.float32
     pixels = {name: _storable(where, name, values, dtype) for name, values in channels.items()}
-    shapes = {name: array.shape for name, array in pixels.items()}
-    if len(set(shapes.values())) != 1:
-        what = ", ".join(f"{name} {shape}" for name, shape in shapes.items()) or "no channels"
+    if len({array.shape for array in pixels.values()}) != 1:
+        what = ", ".join(f"{name} {array.shape}" for name, array in pixels.items()) or "no channels"
         raise PictureError(f"{where}: channels of one shape are wanted, not {what}")
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
@@ -97,7 +92,7 @@ def write_exr(
 
 
 def _storable(where: str, name: str, values: object, dtype: type[np.floating]) -> np.ndarray:
-    """Return a contiguous array of the stored type, or refuse what the file cannot hold truthfully."""
+    """A contiguous array of the stored type. Raises PictureError for what the file cannot hold truthfully."""
     if not name or "\0" in name:
         raise PictureError(f"{where}: {name!r} is not a channel name")
     try:
@@ -105,15 +100,14 @@ def _storable(where: str, name: str, values: object, dtype: type[np.floating]) -
     except ValueError as reason:
         raise PictureError(f"{where}: channel {name} {reason}") from None
     if array.ndim != 2 or array.size == 0:
-        came = f"{array.dtype} of shape {array.shape}"
-        raise PictureError(f"{where}: channel {name} is {came}, and real numbers of shape (height, width) are wanted")
+        raise PictureError(f"{where}: channel {name} has the shape {array.shape}, and (height, width) is wanted")
     refuse_not_finite(where, name, array)
     # A non-contiguous array would be written as wrong pixels, silently.
     with np.errstate(over="ignore"):
         stored = np.ascontiguousarray(array.astype(dtype))
     if not np.isfinite(stored).all():
-        reached, end = np.abs(array.astype(np.float64)).max(), np.finfo(dtype).max
-        raise PictureError(f"{where}: channel {name} reaches {reached:g}, and {stored.dtype} ends at {end}")
+        reached = np.abs(array.astype(np.float64)).max()
+        raise PictureError(f"{where}: channel {name} reaches {reached:g}, and half ends at 65504, float at 3.4e38")
     return stored
 
 
@@ -148,24 +142,21 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
     counts = Counter(name for part in parts for name in part.channels)
     channels: dict[str, np.ndarray] = {}
     attributes: dict[str, dict[str, Any]] = {}
-    for part in parts:
+    compressions, lossy = [part.compression().name.removesuffix("_COMPRESSION") for part in parts], set()
+    for part, compression in zip(parts, compressions, strict=True):
         prefix = f"{part.name()}." if any(counts[name] > 1 for name in part.channels) else ""
         for name, channel in part.channels.items():
             channels[prefix + name] = _in_display_window(path, channel.pixels, part.header)
             attributes[prefix + name] = {**parts[0].header, **part.header}
-    compressions = [part.compression().name.removesuffix("_COMPRESSION") for part in parts]
-    for part, compression in zip(parts, compressions, strict=True):
-        types = {(one.pixels.dtype.kind, one.pixels.dtype.itemsize) for one in part.channels.values()}
-        if any(("f", size) in types for size in _LOSSY.get(compression, ())):
-            words = f"{path}: was stored with the lossy compression {compression}; its pixels are not exact"
-            warnings.warn(words, PictureWarning, stacklevel=2)
-            break
+            lossy |= {compression} if channel.pixels.dtype.str[1:] in _LOSSY.get(compression, ()) else set()
+    if lossy:
+        words = f"{path}: was stored with the lossy compression {' and '.join(lossy)}; its pixels are not exact"
+        warnings.warn(words, PictureWarning, stacklevel=2)
     if layer is not None:
         prefix = find_layer(channels, layer, str(path))
         channels = {name: array for name, array in channels.items() if name.rpartition(".")[0] == prefix}
-    return ExrPicture(
-        channels, read_metadata(path, parts[0].header), compressions[0], {name: attributes[name] for name in channels}
-    )
+    attributes = {name: attributes[name] for name in channels}
+    return ExrPicture(channels, read_metadata(path, parts[0].header), compressions[0], attributes)
 
 
 def opened(path: str | os.PathLike[str], **how: bool) -> OpenEXR.File:
@@ -176,10 +167,8 @@ def opened(path: str | os.PathLike[str], **how: bool) -> OpenEXR.File:
 
 def _load_parts(path: str | os.PathLike[str]) -> list[OpenEXR.Part]:
     """Return the parts with their pixels, after checks that OpenEXR leaves to its caller."""
-    start = read_bytes(path, count=4, error=PictureError)
-    if start != MAGIC:
-        what = "is empty" if not start else "is not an OpenEXR file (its first bytes differ)"
-        raise PictureError(f"{path}: {what}")
+    if read_bytes(path, count=4, error=PictureError) != MAGIC:
+        raise PictureError(f"{path}: is not an OpenEXR file (its first bytes differ)")
     try:
         headers = opened(path, separate_channels=True, header_only=True).parts
         for part in headers:
@@ -209,32 +198,23 @@ def _in_display_window(path: str | os.PathLike[str], pixels: np.ndarray, header:
     first, end = np.maximum(data, shown), np.minimum(data_end, shown_end) + 1
     if np.any(first >= end):
         raise PictureError(f"{path}: its pixels lie outside of its display window")
-    height, width = map(int, shown_end - shown + 1)
-    try:
-        placed = np.zeros((height, width), pixels.dtype)
-    except MemoryError as cause:
-        words = f"{path}: its display window, {width} x {height} pixels, does not fit into memory"
-        raise PictureError(words) from cause
+    placed = np.zeros(shown_end - shown + 1, pixels.dtype)
     to, source = (tuple(map(slice, first - start, end - start)) for start in (shown, data))
     placed[to] = pixels[source]
     return placed
 
 
 def read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -> dict[str, object]:
-    """Return what `write_exr` was given; a PictureWarning tells if that is broken."""
-    stored = header.get(KEY, "{}")
-    try:
-        metadata = json.loads(stored) if isinstance(stored, str) else None
-    except json.JSONDecodeError:
-        metadata = None
-    if not isinstance(metadata, dict):
-        warnings.warn(f"{path}: the attribute {KEY} is not a JSON object and is left out", PictureWarning, stacklevel=3)
-        return {}
-    return metadata
+    """What `write_exr` was given; a PictureWarning tells if that is broken."""
+    with contextlib.suppress(TypeError, json.JSONDecodeError):
+        if isinstance(metadata := json.loads(header.get(KEY, "{}")), dict):  # pyright: ignore[reportArgumentType]
+            return metadata
+    warnings.warn(f"{path}: the attribute {KEY} is not a JSON object and is left out", PictureWarning, stacklevel=3)
+    return {}
 
 
 def by_layer(names: Iterable[str]) -> dict[str, set[str]]:
-    """Return the components of every layer; channels without a layer, such as `R`, belong to the layer ''."""
+    """The components of every layer; channels without a layer, such as `R`, belong to the layer ''."""
     layers: dict[str, set[str]] = {}
     for layer, _, component in (name.rpartition(".") for name in names):
         layers.setdefault(layer, set()).add(component)
@@ -242,15 +222,12 @@ def by_layer(names: Iterable[str]) -> dict[str, set[str]]:
 
 
 def find_layer(names: Iterable[str], wanted: str, where: str) -> str:
-    """Return the full name of the layer `wanted`, which may be only its end: `Combined` for `ViewLayer.Combined`."""
+    """The full name of the layer `wanted`, which may be only its end: `Combined` for `ViewLayer.Combined`."""
     layers = list(by_layer(names))
     if wanted in layers:
         return wanted
     ends = [layer for layer in layers if layer.endswith(f".{wanted}")]
     if len(ends) == 1:
         return ends[0]
-    if ends:
-        raise PictureError(f"{where}: the layer {wanted!r} can be any of {str(ends)[1:-1]}; give the full name")
-    close = difflib.get_close_matches(wanted, layers)
-    hint = f"; did you mean {str(close)[1:-1]}?" if close else ""
-    raise PictureError(f"{where}: has no layer {wanted!r}; its layers are {str(layers)[1:-1]}{hint}")
+    hint = " Give the full name." if ends else did_you_mean(wanted, layers)
+    raise PictureError(f"{where}: has not one layer {wanted!r}; its layers are {str(layers)[1:-1]}.{hint}")

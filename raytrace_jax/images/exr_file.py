@@ -7,30 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.images import Transfer
-from raytrace_jax.images.exr import (
-    RGB,
-    ExrPicture,
-    by_layer,
-    find_layer,
-    opened,
-    read_exr,
-    read_metadata,
-    refuse_not_finite,
-)
+from raytrace_jax.images import Transfer, exr
+from raytrace_jax.images import transfer as transfers
 from raytrace_jax.images.picture_file import PictureFile, PictureOrigin
-from raytrace_jax.images.transfer import (
-    LINEAR_SPACES,
-    NEARLY,
-    REC_709,
-    Chromaticities,
-    ColourSpace,
-    linear_space,
-    rgb_to_xyz,
-)
-
-CHROMA = ("RY", "Y", "BY")
-"""The channels of colours that are stored as their luminance, and red and blue relative to it."""
+from raytrace_jax.images.transfer import LINEAR_SPACES, REC_709, Chromaticities, ColourSpace
 
 
 class ExrFile(PictureFile):
@@ -43,9 +23,8 @@ class ExrFile(PictureFile):
         self.layer = layer
 
     @cached_property
-    def picture(self) -> ExrPicture:
-        """All of the file."""
-        return read_exr(self.path)
+    def picture(self) -> exr.ExrPicture:
+        return exr.read_exr(self.path)
 
     @cached_property
     def names(self) -> tuple[str, str, str]:
@@ -73,79 +52,58 @@ class ExrFile(PictureFile):
                 f"{', '.join(LINEAR_SPACES)}; oiiotool --colorconvert converts it"
             )
         primaries = LINEAR_SPACES[space]
-        if "chromaticities" in said and not np.allclose(primaries, chromaticities, atol=NEARLY):
-            self.tell(
-                f"says that its colours are {space}, and has the chromaticities of others: it is read as {space}."
-            )
+        if "chromaticities" in said and not np.allclose(primaries, chromaticities, atol=transfers.NEARLY):
+            self.tell(f"says that its colours are {space}, and has the chromaticities of others: it is read as said.")
         return space, primaries
 
     def numbers(self) -> np.ndarray:
-        """The channels of the layer, a grey one three times, or the colours that luminance and chroma stand for."""
+        """The channels of the layer, a grey one three times."""
         for name in self.names:
-            refuse_not_finite(f"{self.path}: cannot be used as a picture", name, self.picture.channels[name])
+            exr.refuse_not_finite(f"{self.path}: cannot be used as a picture", name, self.picture.channels[name])
         stored = np.stack([self.picture.channels[name] for name in self.names], axis=-1)
-        if self.names[0].rpartition(".")[2] == "RY":
-            # RY = (R - Y) / Y and BY = (B - Y) / Y, and Y is the luminance in the file's own primaries.
-            luminance = stored[..., 1].astype(np.float64)
-            red, blue = (luminance * (1 + stored[..., k]) for k in (0, 2))
-            try:
-                of_red, of_green, of_blue = rgb_to_xyz(self.primaries[1])[1]
-            except ValueError as cause:
-                raise self.error(str(cause)) from cause
-            stored = np.stack([red, (luminance - of_red * red - of_blue * blue) / of_green, blue], axis=-1)
         return stored.astype(np.float32, copy=False)
 
-    def meaning(self) -> ColourSpace | None:
+    def stated(self) -> ColourSpace | None:
         """The space of its primaries, where these are not Rec. 709's and it has colours."""
         name, primaries = self.primaries
-        try:
-            is_grey = len(set(self.names)) == 1
-            return None if is_grey else linear_space(name, primaries, adapts=name in LINEAR_SPACES)
-        except ValueError as cause:
-            raise self.error(str(cause)) from cause
+        is_grey = len(set(self.names)) == 1
+        return None if is_grey else transfers.linear_space(name, primaries, adapts=name in LINEAR_SPACES)
 
     def pixel_aspect(self) -> float:
-        """As of any file."""
         return float(self.picture.attributes[self.names[0]].get("pixelAspectRatio", 1.0))
 
     def light(self, transfer: Transfer | None = None) -> np.ndarray:
-        """As of any file; no transfer changes floats."""
-        return super().light()
+        return super().light()  # No transfer changes floats.
 
     def origin(self) -> PictureOrigin:
         """The metadata of `write_exr`, and the attribute `generatedBy`."""
         try:
-            header = opened(self.path, header_only=True).parts[0].header
+            header = exr.opened(self.path, header_only=True).parts[0].header
         except (RuntimeError, ValueError, IndexError) as cause:
             raise self.error(f"is a truncated or broken OpenEXR file: {cause}") from cause
-        return PictureOrigin(read_metadata(self.path, header), str(header.get("generatedBy", "")))
+        return PictureOrigin(exr.read_metadata(self.path, header), str(header.get("generatedBy", "")))
 
 
 def _rgb_channels(names: Iterable[str], layer: str | None, where: str) -> tuple[str, str, str]:
-    """Return the three channel names that make the picture, R, G and B or RY, Y and BY; a grey `Y` comes three times.
+    """The three channel names that make the picture, R, G and B; a grey `Y` comes three times.
 
     Without `layer`, the picture is the channels without a layer if they have a colour, else the only layer
     with a colour, else the only one called `Combined`, as Blender has it.
     """
-    components = by_layer(names)
-    # A Y beside an X is a vector's second component (`normal.X normal.Y normal.Z`), not a grey picture.
-    coloured = [one for one, has in components.items() if has.issuperset(RGB) or ("Y" in has and "X" not in has)]
+    components = exr.by_layer(names)
+    # A Y beside an X is a vector's second component (`normal.X normal.Y normal.Z`), not a grey picture, and beside RY
+    # and BY it is a luminance with chroma.
+    is_grey = {name: "Y" in has and has.isdisjoint(("X", "RY", "BY")) for name, has in components.items()}
+    coloured = [name for name, has in components.items() if has.issuperset(exr.RGB) or is_grey[name]]
     if layer is not None:
-        chosen = find_layer(names, layer, where)
-        if chosen not in coloured:
-            has = ", ".join(sorted(components[chosen]))
-            raise PictureError(
-                f"{where}: the layer {chosen!r} has the channels {has}, and R, G, B or a grey Y is wanted"
-            )
-    elif not coloured:
-        layers = "; ".join(f"{one!r} ({', '.join(sorted(has))})" for one, has in components.items())
-        raise PictureError(f"{where}: has no layer with the channels R, G, B or a grey Y; its layers are {layers}")
+        chosen = [one for one in coloured if one == exr.find_layer(names, layer, where)]
     else:
         combined = [one for one in coloured if one.rpartition(".")[2] == "Combined"]
-        obvious = [only for only in (coloured, combined) if len(only) == 1]
-        if "" not in coloured and not obvious:
-            raise PictureError(f"{where}: has several pictures, name one of the layers {str(coloured)[1:-1]}")
-        chosen = "" if "" in coloured else obvious[0][0]
-    prefix = f"{chosen}." if chosen else ""
-    red, green, blue = next((names for names in (RGB, CHROMA) if components[chosen].issuperset(names)), ("Y", "Y", "Y"))
+        chosen = [""] if "" in coloured else coloured if len(coloured) == 1 else combined
+    if len(chosen) != 1:
+        layers = "; ".join(f"{one!r} ({', '.join(sorted(has))})" for one, has in components.items())
+        wanted = "one layer with the channels R, G, B or a grey Y is wanted"
+        raise PictureError(f"{where}: {wanted}: name it; its layers are {layers}")
+    prefix = f"{chosen[0]}." if chosen[0] else ""
+    red, green, blue = exr.RGB if components[chosen[0]].issuperset(exr.RGB) else ("Y", "Y", "Y")
     return prefix + red, prefix + green, prefix + blue

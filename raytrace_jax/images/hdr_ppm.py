@@ -4,6 +4,7 @@ import os
 import re
 
 import numpy as np
+from PIL import Image
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images import Transfer
@@ -76,12 +77,9 @@ class PpmFile(LibraryFile):
 
 
 def write_ppm(path: str | os.PathLike[str], rgb: np.ndarray, *, transfer: Transfer = "course") -> None:
-    """Write a raw PPM of 8 bits, which does not say its transfer; the file appears only when it is whole.
+    """Write colours "3 height width", scene-linear, finite, top row first, as a raw PPM of 8 bits, clamped to [0, 1].
 
-    The colours are "3 height width", scene-linear and finite, top row first; they are clamped to [0, 1]. Raises
-    PictureError if the file cannot be written.
+    The file does not say its transfer, and appears only when it is whole. Raises PictureError if it cannot be written.
     """
-    numbers = np.moveaxis(ENCODERS[transfer](rgb), 0, -1)
-    height, width, _ = numbers.shape
     with atomic_write(path, error=PictureError) as temporary:
-        temporary.write_bytes(b"P6\n%d %d\n255\n" % (width, height) + np.ascontiguousarray(numbers).tobytes())
+        Image.fromarray(np.ascontiguousarray(np.moveaxis(ENCODERS[transfer](rgb), 0, -1))).save(temporary, "PPM")

@@ -4,10 +4,13 @@ The format is ICC.1:2022 (https://www.color.org/specification/ICC.1-2022-05.pdf)
 kinds of tags in 10. Profiles that are tables of colours, of printers and some scanners, are refused.
 """
 
+import contextlib
+import io
 import struct
 from collections.abc import Callable
 
 import numpy as np
+from PIL import ImageCms
 
 from raytrace_jax.images.transfer import NEARLY, ColourSpace, srgb_to_linear
 
@@ -22,12 +25,11 @@ Curve = Callable[[np.ndarray], np.ndarray]
 def read_profile(data: bytes) -> ColourSpace | None:
     """What an ICC profile says of the numbers of a picture; None where that is sRGB.
 
-    Raises:
-        ValueError: it is broken, or has no curves; the text completes "FILE: ".
+    Raises ValueError if it is broken or has no curves; the text completes "FILE: ".
     """
     try:
         tags, space = _tags(data), data[16:20]
-        name = _description(tags.get(b"desc", b"")) or "without a name"
+        name = _name(data)
         if space == b"GRAY" and b"kTRC" in tags:
             curves, matrix = [_curve(tags[b"kTRC"])], None
         elif space == b"RGB " and {b"rTRC", b"gTRC", b"bTRC", b"rXYZ", b"gXYZ", b"bXYZ"} <= tags.keys():
@@ -37,11 +39,8 @@ def read_profile(data: bytes) -> ColourSpace | None:
                 raise struct.error("no colour")
             matrix = _to_rec_709(np.stack([_fixed(tag, 8, 3) for tag in primaries], axis=1))
         else:
-            kind = space.decode("latin-1").strip()
-            raise ValueError(
-                f"has an ICC profile ({name}) that is a table of {kind} colours, and one with a curve for each channel "
-                "is wanted: convert the picture to sRGB, or say what its numbers are (--transfer)"
-            )
+            said = f"has an ICC profile ({name}) that is a table of {space.decode('latin-1').strip()} colours"
+            raise ValueError(f"{said}, and not curves: convert it to sRGB, or say what its numbers are (--transfer)")
     except (struct.error, IndexError, UnicodeDecodeError, np.linalg.LinAlgError) as cause:
         words = "has a broken ICC profile: convert it to sRGB, or say what its numbers are (--transfer)"
         raise ValueError(words) from cause
@@ -51,15 +50,18 @@ def read_profile(data: bytes) -> ColourSpace | None:
         return None
 
     def curve(encoded: np.ndarray) -> np.ndarray:
-        if len(curves) == 1:
-            return curves[0](encoded)
-        return np.stack([one(encoded[..., k]) for k, one in enumerate(curves)], axis=-1)
+        return np.stack([curves[k % len(curves)](encoded[..., k]) for k in range(encoded.shape[-1])], axis=-1)
 
     return ColourSpace(name, curve, matrix)
 
 
+def _name(data: bytes) -> str:
+    with contextlib.suppress(ImageCms.PyCMSError):
+        return ImageCms.getProfileDescription(io.BytesIO(data)).strip() or "without a name"
+    return "without a name"
+
+
 def _tags(data: bytes) -> dict[bytes, bytes]:
-    """The contents of the tags by their signature."""
     if data[36:40] != b"acsp":
         raise struct.error("no profile")
     (count,) = struct.unpack_from(">I", data, 128)
@@ -97,25 +99,10 @@ def _curve(tag: bytes) -> Curve:
         raise struct.error("no curve")
     (form,) = struct.unpack_from(">H", tag, 8)
     given = _fixed(tag, 12, (1, 3, 4, 5, 7)[form])
-    if given[0] <= 0 or (form in (1, 2) and given[1] == 0):
-        raise struct.error("no curve")
     # All forms are the last one, with what they leave out at its neutral value.
-    g, a, b, c, d, e, f = {
-        0: lambda g: (g, 1, 0, 0, 0, 0, 0),
-        1: lambda g, a, b: (g, a, b, 0, -b / a, 0, 0),
-        2: lambda g, a, b, c: (g, a, b, 0, -b / a, c, c),
-        3: lambda g, a, b, c, d: (g, a, b, c, d, 0, 0),
-        4: lambda *all_: all_,
-    }[form](*given)
+    g, a, b, c, d, e, f = (*given, *(0, 1, 0, 0, 0, 0, 0)[len(given) :])
+    if g <= 0 or a == 0:
+        raise struct.error("no curve")
+    if form in (1, 2):
+        c, d, e, f = 0, -b / a, c, c
     return lambda encoded: np.where(encoded >= d, np.maximum(a * encoded + b, 0) ** g + e, c * encoded + f)
-
-
-def _description(tag: bytes) -> str:
-    """The name of a profile, in plain text or the first of several languages (10.15 and, before version 4, 6.5.17)."""
-    if tag[:4] == b"desc":
-        (count,) = struct.unpack_from(">I", tag, 8)
-        return tag[12 : 12 + count].split(b"\0")[0].decode("latin-1").strip()
-    if tag[:4] == b"mluc":
-        size, start = struct.unpack_from(">II", tag, 20)
-        return tag[start : start + size].decode("utf-16-be").strip()
-    return ""

@@ -13,9 +13,6 @@ from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import BACK, TURNS, orientation_of
 from raytrace_jax.images.transfer import DECODERS, ENCODERS
 
-LARGEST_UNIT = 16
-"""A JPEG whose colours have half the pixels compresses squares of so many pixels a side together."""
-
 
 class JpegStorage(NamedTuple):
     """The compression of one file."""
@@ -30,7 +27,7 @@ class JpegStorage(NamedTuple):
     @property
     def unit(self) -> int:
         """Side in pixels of the squares whose patterns are kept or dropped: 16 where pixels share colours."""
-        return 8 if self.subsampling == 0 else LARGEST_UNIT
+        return 8 if self.subsampling == 0 else 16
 
     def encode(self, picture: Float[np.ndarray, "3 height width"]) -> Float[np.ndarray, "3 height width"]:
         """The numbers of a scene-linear picture as they are stored, not rounded to 8 bits: from 0 to 255."""
@@ -43,8 +40,9 @@ class JpegStorage(NamedTuple):
         """
         _, height, width = numbers.shape
         left, top, columns, rows = self.window
-        after, below = (-(left + columns - self.size[0]) % LARGEST_UNIT, -(top + rows - self.size[1]) % LARGEST_UNIT)
-        before, above = left % LARGEST_UNIT, top % LARGEST_UNIT
+        largest = 16  # A JPEG whose colours have half the pixels compresses squares of so many pixels a side together.
+        after, below = -(left + columns - self.size[0]) % largest, -(top + rows - self.size[1]) % largest
+        before, above = left % largest, top % largest
         pixels = np.moveaxis(np.clip(np.round(numbers), 0, 255).astype(np.uint8), 0, -1)
         pixels = np.pad(pixels, ((above, below), (before, after), (0, 0)), mode="edge")
         turned = TURNS[BACK.get(self.orientation, self.orientation)](pixels)
@@ -58,8 +56,7 @@ class JpegStorage(NamedTuple):
 def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> JpegStorage | None:
     """The compression of a JPEG file; None for a grey one and for one that does not store brightness and colour apart.
 
-    Raises:
-        PictureError: the file cannot be read.
+    Raises PictureError if the file cannot be read.
     """
     try:
         with Image.open(path, formats=["JPEG"]) as image:

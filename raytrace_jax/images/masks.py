@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from raytrace_jax.images import Clipped
-from raytrace_jax.images.pictures import is_jpeg, is_photograph, read, stores_integers
+from raytrace_jax.images.pictures import is_jpeg, is_photograph, read
 
 
 def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
@@ -36,11 +36,10 @@ class ClippedPixels(NamedTuple):
 
     def words(self, path: str | os.PathLike[str]) -> str:
         """How many they are, as a sentence; empty if there are none."""
-        kinds = {"saturated": int(self.saturated.sum()), "black": int((self.black & ~self.saturated).sum())}
-        some = " and ".join(f"{count:,} {name}" for name, count in kinds.items() if count)
-        if not some:
-            return ""
-        return f"{path}: {some} of {self.black.size:,} pixels have no weight; --clipped keep counts them."
+        counts = {"saturated": self.saturated.sum(), "black": (self.black & ~self.saturated).sum()}
+        some = " and ".join(f"{count:,} {name}" for name, count in counts.items() if count)
+        rest = f"of {self.black.size:,} pixels have no weight; --clipped keep counts them."
+        return f"{path}: {some} {rest}" if some else ""
 
 
 def clipped_pixels(
@@ -49,15 +48,13 @@ def clipped_pixels(
     """The pixels of a picture that are at the ends of what its file can store, and so tell no light.
 
     A file of floats has none. A photograph has both kinds. A renderer's black is exact, and so is its white where its
-    model's light ends at 1.
+    model's light ends at 1, as `clamps` says.
 
     Args:
-        path: the file. PictureError if it is broken.
-        picture: scene-linear, as `read_picture` has read it, with any transfer, or a part of it.
+        path: the file of the picture, which may be a part of it. PictureError if it is broken.
         how: `auto` does as said above; `drop`, both kinds; `keep`, none.
-        clamps: whether the model's light ends at 1.
     """
-    counts = how != "keep" and stores_integers(path)
+    counts = how != "keep" and read(path).bits() > 0
     is_photo = counts and (how == "drop" or is_photograph(path))
     has_end = is_photo or (counts and not clamps)
     # A JPEG's compression leaves numbers of 0 and 255 up to 2 off, which is this much light in sRGB.
@@ -68,8 +65,7 @@ def clipped_pixels(
 
 def bad_pixels(*images: np.ndarray) -> Bool[np.ndarray, "height width"]:
     """The pixels that are NaN or infinite in any of some pictures, "*any height width"."""
-    bad = [~np.isfinite(image).reshape(-1, *image.shape[-2:]).all(axis=0) for image in images]
-    return np.any(bad, axis=0)
+    return np.any([~np.isfinite(image).reshape(-1, *image.shape[-2:]).all(axis=0) for image in images], axis=0)
 
 
 def blackened(image: np.ndarray) -> np.ndarray:
@@ -84,5 +80,5 @@ def mask_in_words(bad: Bool[np.ndarray, "height width"], origin: Sequence[int] =
     """
     places = np.argwhere(bad) + np.asarray(origin)[::-1]
     named = [f"row {row}, column {column}" for row, column in places[:5]]
-    more = [f"and {len(places) - 5} more"] if len(places) > 5 else []
-    return f"{len(places)} pixel{'s are' if len(places) > 1 else ' is'} NaN or infinite: {'; '.join(named + more)}"
+    named += [f"and {len(places) - 5} more"] * (len(places) > 5)
+    return f"{len(places)} pixel{'s are' if len(places) > 1 else ' is'} NaN or infinite: {'; '.join(named)}"

@@ -13,17 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.errors import PictureError, PictureWarning, RaytraceError
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import orientation_of, upright
 from raytrace_jax.images.transfer import DECODERS, NEARLY, ColourSpace, largest_number
+from raytrace_jax.util.files import strict
 from raytrace_jax.util.text import is_unicode
 
 KEY = "raytrace_jax"
 """The attribute of an OpenEXR file, and the keyword of a PNG file's text, that holds how a picture was made."""
-
-HARMLESS = "JPEG error: Warning"
-"""How words begin on what JPEGs say of themselves that libjpeg does not know."""
 
 
 class PictureOrigin(NamedTuple):
@@ -49,6 +47,13 @@ class PictureFile:
 
     def meaning(self) -> Transfer | ColourSpace | None:
         """How the file says that its numbers were made from light; None where it does not say."""
+        try:
+            return self.stated()
+        except ValueError as cause:
+            raise self.error(str(cause)) from cause
+
+    def stated(self) -> Transfer | ColourSpace | None:
+        """As `meaning`, but for a ValueError where it cannot be, whose text completes "FILE: "."""
         return None
 
     def pixel_aspect(self) -> float:
@@ -56,7 +61,6 @@ class PictureFile:
         return 1.0
 
     def origin(self) -> PictureOrigin:
-        """Where the picture comes from."""
         return PictureOrigin({}, "")
 
     def numbers(self) -> np.ndarray:
@@ -77,11 +81,11 @@ class PictureFile:
         numbers, is_float = self.numbers(), self.bits() == 0
         stated = transfer or self.meaning() or self.usual
         if isinstance(stated, ColourSpace):
-            name = stated.name
-            if is_float and not stated.is_linear:
-                raise self.error(f"has floats, which are scene-linear, and says that they are not ({name})")
+            probe = np.linspace(0, 1, 65)[:, None] * np.ones(3)
+            if is_float and np.max(np.abs(stated.curve(probe) - probe)) >= 1e-3:
+                raise self.error(f"has floats, which are scene-linear, and says that they are not ({stated.name})")
             if stated.to_rec_709 is not None:
-                self.tell(f"its primaries are others ({name}): its light is converted to Rec. 709's, those of sRGB.")
+                self.tell(f"its primaries are others ({stated.name}): its light is converted to Rec. 709's, sRGB's.")
             numbers = stated.decode(numbers)
         elif not is_float:
             numbers = DECODERS[stated](numbers)
@@ -89,16 +93,13 @@ class PictureFile:
             raise self.error(f"{(~np.isfinite(numbers)).sum()} of its numbers are NaN or infinite")
         aspect = self.pixel_aspect()
         if abs(aspect - 1) > NEARLY:
-            shape = f"{aspect:.4g} times as wide as high"
-            self.tell(f"says that its pixels are {shape}; they are read as square: resample it to square ones.")
+            self.tell(f"its pixels are {aspect:.4g} times as wide as high; they are read as square: resample it.")
         return np.ascontiguousarray(np.moveaxis(numbers, -1, 0), np.float32)
 
     def error(self, words: str) -> PictureError:
-        """The error of these words, which complete "FILE: "."""
         return PictureError(f"{self.path}: {words}")
 
     def tell(self, words: str) -> None:
-        """Warn in these words, which complete "FILE: "."""
         warnings.warn(f"{self.path}: {words}", PictureWarning, stacklevel=4)
 
 
@@ -114,12 +115,10 @@ class LibraryFile(PictureFile):
 
     @cached_property
     def spec(self) -> Any:
-        """What OpenImageIO tells of the picture."""
         with self._opened() as file:
             return file.spec()
 
     def bits(self) -> int:
-        """Of integers, 8 or 16; 0 is floats, which are scene-linear."""
         return {"uint8": 8, "half": 0, "float": 0, "double": 0}.get(str(self.spec.format), 16)
 
     def pixel_aspect(self) -> float:
@@ -132,8 +131,8 @@ class LibraryFile(PictureFile):
 
     def stored(self) -> np.ndarray:
         """All channels of the file's one picture, "height width channels", upright; an alpha is not multiplied in."""
+        spec = self.spec
         with self._opened() as file:
-            spec = self.spec = file.spec()
             if file.seek_subimage(1, 0):
                 raise self.error("has several pages, and one picture is wanted")
             file.seek_subimage(0, 0)
@@ -141,10 +140,10 @@ class LibraryFile(PictureFile):
             is_for_print = spec.get_string_attribute("jpeg:ColorSpace") in ("CMYK", "YCbCrK")
             if is_for_print or "CMYK" in spec.get_string_attribute("tiff:ColorSpace"):
                 raise self.error("is CMYK, for print; RGB is wanted")
-            dtype = str(spec.format)
-            if self.bits() == 16 and dtype != "uint16":
+            bits, dtype = self.bits(), str(spec.format)
+            if bits == 16 and dtype != "uint16":
                 raise self.error(f"has numbers of the kind {dtype}; integers of up to 16 bits or floats are wanted")
-            pixels = file.read_image(0, 0, 0, spec.nchannels, dtype if self.bits() else "float")
+            pixels = file.read_image(0, 0, 0, spec.nchannels, dtype if bits else "float")
             if pixels is None or file.has_error:
                 raise self.error(f"cannot be read: {_reason(file.geterror())}")
         return upright(np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels), self.path)
@@ -191,7 +190,8 @@ class LibraryFile(PictureFile):
                 raise self.error(f"cannot be read: {_reason(oiio.geterror())}")
             stack.callback(file.close)
             # A progressive JPEG is read to its end already here.
-            if file.has_error and not (words := file.geterror()).startswith(HARMLESS):
+            # What it warns of is what a JPEG says of itself that libjpeg does not know.
+            if file.has_error and not (words := file.geterror()).startswith("JPEG error: Warning"):
                 raise self.error(f"cannot be read: {_reason(words)}")
             yield file
 
@@ -203,13 +203,7 @@ def _reason(words: str) -> str:
 
 def to_json(path: str | os.PathLike[str], metadata: Mapping[str, object]) -> str:
     """Anything JSON can hold, NumPy and JAX numbers and arrays too. Raises PictureError, naming the file, else."""
-
-    def plain(value: Any) -> object:
-        if hasattr(value, "__array__"):
-            return value.tolist()
-        raise TypeError(f"{value!r} is a {type(value).__name__}")
-
     try:
-        return json.dumps(dict(metadata), allow_nan=False, default=plain)
-    except (TypeError, ValueError) as cause:
+        return json.dumps(strict(metadata, nulls=False))
+    except RaytraceError as cause:
         raise PictureError(f"{path}: cannot be written: the metadata cannot be stored as JSON: {cause}") from cause

@@ -1,10 +1,11 @@
 """Pictures of any format, known by their contents and not by their names."""
 
+import contextlib
 import os
-from collections.abc import Mapping
-from typing import TypeVar
+import warnings
 
 import numpy as np
+from PIL import Image
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images import Transfer
@@ -16,8 +17,6 @@ from raytrace_jax.images.picture_file import PictureFile, PictureOrigin
 from raytrace_jax.images.png import SIGNATURE, PngFile
 from raytrace_jax.util.files import read_bytes
 
-Name = TypeVar("Name")
-
 FORMATS: dict[type[PictureFile], tuple[bytes, ...]] = {
     ExrFile: (MAGIC,),
     PngFile: (SIGNATURE,),
@@ -28,41 +27,17 @@ FORMATS: dict[type[PictureFile], tuple[bytes, ...]] = {
 }
 """How files of each format begin; a TIFF of more than 4 GB begins with `+`."""
 
-WANTED = "an OpenEXR (.exr), PNG, JPEG, TIFF, PPM or Radiance HDR picture is wanted"
-
-CONVERTED = {
-    "a GIF picture": (b"GIF8",),
-    "a BMP picture": (b"BM",),
-    "a Photoshop document": (b"8BPS",),
-    "a JPEG 2000 picture": (b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51"),
-    "a JPEG XL picture": (b"\0\0\0\x0cJXL ", b"\xff\x0a"),
-    "a PBM picture": (b"P1", b"P4"),
-    "a PGM picture": (b"P2", b"P5"),
-    "a PAM picture": (b"P7",),
-}
-OTHER = {"a model file": (b"camera",), "a PFM picture": (b"PF", b"Pf")}
-"""What files are that begin so: those that ImageMagick converts, and others."""
-
-# Brands of pictures in boxes (ISO/IEC 14496-12), and how they are named; both may call themselves `mif1` first.
-AVIF = {b"avif", b"avis"}
-HEIC = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"mif2", b"msf1"}
-
 
 def read(path: str | os.PathLike[str], *, layer: str | None = None) -> PictureFile:
     """The file of a picture: its numbers, what they mean and where they are from, each read when it is asked for.
 
-    All functions here raise PictureError of a file that is missing or broken.
-
-    Args:
-        layer: which layer of an OpenEXR file, when it is not obvious: `R G B`, else the only layer with R, G, B
-            (`img.R`), else the only one called `Combined`.
-
-    Raises:
-        PictureError: the file is missing, of a format that is not read, or has no layers.
+    The layer is one of an OpenEXR file, when it is not obvious: `R G B`, else the only layer with R, G, B (`img.R`),
+    else the only one called `Combined`. All functions here raise PictureError of a file that is missing, broken, or of
+    a format that is not read.
     """
     kind = _class_of(path)
     if kind is None:
-        raise PictureError(f"{path}: {_described(read_bytes(path, count=64, error=PictureError))}")
+        raise PictureError(f"{path}: {_described(path)}")
     if kind is ExrFile:
         return ExrFile(path, layer)
     if layer is not None:
@@ -116,43 +91,34 @@ def transfer_of_camera(path: str | os.PathLike[str]) -> Transfer | None:
     return None if states_colours(path) else "course" if read(path).bits() > 8 else "srgb"
 
 
-def stores_integers(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture's file stores integers, which have a largest one."""
-    return read(path).bits() > 0
-
-
 def is_photograph(path: str | os.PathLike[str]) -> bool:
     """Whether a picture is of a format that cameras write: a JPEG or a TIFF."""
     return _class_of(path) in (JpegFile, TiffFile)
 
 
 def is_jpeg(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture is a JPEG."""
     return _class_of(path) is JpegFile
 
 
 def _class_of(path: str | os.PathLike[str]) -> type[PictureFile] | None:
     """The format of a file; None for what is not read."""
     start = read_bytes(path, count=16, error=PictureError)
-    return None if start.startswith(RAW_STARTS) else _named(start, FORMATS)
+    kinds = (kind for kind, magic in FORMATS.items() if start.startswith(magic) and not start.startswith(RAW_STARTS))
+    return next(kinds, None)
 
 
-def _named(start: bytes, starts: Mapping[Name, tuple[bytes, ...]]) -> Name | None:
-    return next((name for name, magic in starts.items() if start.startswith(magic)), None)
-
-
-def _described(start: bytes) -> str:
-    """What a file that is not read is by its first bytes, and what to do."""
+def _described(path: str | os.PathLike[str]) -> str:
+    """What a file that is not read is, and what to do."""
+    start = read_bytes(path, count=64)
     if start.startswith(RAW_STARTS) or start[4:12] == b"ftypcrx ":
         return RAW
-    name = _named(start, CONVERTED)
-    if start.startswith(b"RIFF") and start[8:12] == b"WEBP":
-        name = "a WebP picture"
-    elif start[4:8] == b"ftyp":
-        brands = {start[k : k + 4] for k in range(8, min(len(start), int.from_bytes(start[:4], "big")), 4)}
-        heic = "a HEIC picture, as telephones write them" if brands & HEIC else "a film (MPEG-4)"
-        name = "an AVIF picture" if brands & AVIF else heic
-    if name is not None:
-        return f"is {name}, and {WANTED}: convert it, as by `magick FILE FILE.png` (ImageMagick)"
-    name = _named(start, OTHER) or f"of an unknown format (it starts with {start[:4]!r})"
-    return f"is {name if start else 'empty'}, and {WANTED}"
+    if start[4:11] in (b"ftyphei", b"ftypmif", b"ftypmsf") and b"avif" not in start:
+        name = "a HEIC picture, as telephones write them"
+    else:
+        name = f"of an unknown format (it starts with {start[:4]!r})" if start else "empty"
+        with warnings.catch_warnings(), contextlib.suppress(OSError, Image.DecompressionBombError):
+            warnings.simplefilter("ignore")
+            with Image.open(path) as picture:
+                name = f"a picture of another format ({picture.format_description})"
+    wanted = "an OpenEXR (.exr), PNG, JPEG, TIFF, PPM or Radiance HDR picture is wanted"
+    return f"is {name}, and {wanted}: ImageMagick converts others, as by `magick FILE FILE.png`"

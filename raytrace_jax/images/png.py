@@ -9,7 +9,6 @@ import json
 import math
 import os
 import struct
-import sys
 import zlib
 from collections.abc import Mapping
 from functools import cached_property
@@ -39,7 +38,6 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 """The first eight bytes of every PNG file."""
 
 KEYWORD = b"raytrace-jax transfer"
-
 SRGB_GAMMA = 45455
 """The number of `gAMA`, in 1/100000, that stands for sRGB to programs which do not know the chunk `sRGB`."""
 
@@ -55,11 +53,7 @@ PRIMARIES: dict[int, Chromaticities] = {
 }
 """Primaries by their code in `cICP`; those that are not said (2) are taken for the usual ones."""
 
-# Samples a pixel and the bits a sample may have, by the colour type: grey, RGB, palette, grey + alpha, RGB + alpha.
-_SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-_BITS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
-# The passes of a picture: first column, first row, step between columns, step between rows.
-_ONE_PASS = ((0, 0, 1, 1),)
+# The passes of an interlaced picture: first column, first row, step between columns, step between rows.
 _ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
 
 
@@ -85,14 +79,12 @@ def write_png(
             not exist, the metadata is not JSON, the file cannot be written.
     """
     where = f"{path}: cannot be written"
-    ways = tuple(transfers.ENCODERS)
-    for what, came, known in (("transfer", transfer, ways), ("number of bits", bits, get_args(Bits))):
-        if came not in known:
-            raise PictureError(f"{where}: there is no {what} {came!r}; there are {' and '.join(map(str, known))}")
+    if transfer not in transfers.ENCODERS or bits not in get_args(Bits):
+        wanted = f"the transfers {' and '.join(transfers.ENCODERS)}, with 8 and 16 bits"
+        raise PictureError(f"{where}: there is no transfer {transfer!r} with {bits} bits; there are {wanted}")
     if isinstance(rgb, Mapping):
-        missing = [name for name in "RGB" if name not in rgb]
-        if missing:
-            raise PictureError(f"{where}: channels R, G and B are wanted, and {', '.join(missing)} is not there")
+        if not {"R", "G", "B"} <= rgb.keys():
+            raise PictureError(f"{where}: the channels R, G and B are wanted, not {', '.join(rgb)}")
         rgb = np.ma.stack([rgb[name] for name in "RGB"])
     try:
         colours = real_numbers(rgb)
@@ -119,7 +111,6 @@ def write_png(
 
 
 def png_chunk(kind: bytes, content: bytes) -> bytes:
-    """Return a chunk of a PNG file as it stands there."""
     return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
 
 
@@ -137,28 +128,44 @@ class PngFile(LibraryFile):
         chunks: dict[bytes, bytearray] = {}
         position = len(SIGNATURE)
         while b"IEND" not in chunks:
-            if position + 12 > len(data):
+            start, kind = position + 8, data[position + 4 : position + 8]
+            end = start + int.from_bytes(data[position : position + 4])
+            content, position = data[start:end], end + 4
+            if position > len(data):
                 raise self.error("is a truncated PNG file")
-            length, kind = struct.unpack_from(">I4s", data, position)
-            end = position + 8 + length
-            if end + 4 > len(data):
-                raise self.error("is a truncated PNG file")
-            content = data[position + 8 : end]
-            if struct.unpack_from(">I", data, end)[0] != zlib.crc32(kind + content):
+            if data[end:position] != zlib.crc32(kind + content).to_bytes(4):
                 raise self.error(f"is a broken PNG file: the checksum of its {kind.decode('latin-1')!r} chunk is wrong")
             chunks.setdefault(kind, bytearray()).extend(content + b"\0" * (kind in (b"tEXt", b"iTXt")))
-            position = end + 4
         if len(chunks.get(b"IHDR", b"")) != 13:
             raise self.error("is a broken PNG file: it has no header")
         return {kind: bytes(content) for kind, content in chunks.items()}
 
     def bits(self) -> int:
-        """Of its integers."""
         return 16 if self.chunks[b"IHDR"][8] == 16 else 8
 
     def stored(self) -> np.ndarray:
         """As of any file, if it is whole and of the full range; a warning tells of an animation: its first is read."""
-        self._check_pixels()
+        width, height, bits, colour_type, _, _, interlace = struct.unpack(">IIBBBBB", self.chunks[b"IHDR"])
+        _ = self.spec  # The library refuses a header that cannot be.
+        most = 178_956_970  # A small file must not fill the memory; Pillow has this limit too.
+        if width * height > most:
+            raise self.error(f"is too large: it has {width} x {height} pixels, and at most {most:,} are read")
+        samples = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}[colour_type]  # Grey, RGB, palette, grey + alpha, RGB + alpha.
+        size = sum(
+            # The number of rows of the pass, each with its filter's number and its pixels in whole bytes.
+            -((y - height) // y_step) * (1 + math.ceil(-((x - width) // x_step) * samples * bits / 8))
+            for x, y, x_step, y_step in (_ADAM7 if interlace else ((0, 0, 1, 1),))
+            if x < width and y < height
+        )
+        try:
+            # What follows the pixels does not matter.
+            rows = zlib.decompressobj().decompress(self.chunks.get(b"IDAT", b""), size)
+        except zlib.error as cause:
+            raise self.error("is a broken PNG file: its pixels cannot be decompressed") from cause
+        if len(rows) != size:
+            raise self.error("is a truncated PNG file: some of its pixels are missing")
+        if self.bits() == 16 and b"tRNS" in self.chunks:
+            raise self.error("makes one of its colours transparent, and an opaque picture is wanted")
         cicp = self.chunks.get(b"cICP")
         if cicp is not None and tuple(cicp[2:]) != (0, 1):
             wanted = "RGB of the full range, which end in 0, 1 (ITU-T H.273), are wanted: convert the picture to sRGB"
@@ -167,22 +174,32 @@ class PngFile(LibraryFile):
             self.tell("is animated, and only its first picture is read.")
         return super().stored()
 
-    def numbers(self) -> np.ndarray:
-        """As of any file."""
-        if self.bits() == 16 and b"tRNS" in self.chunks:
-            raise self.error("makes one of its colours transparent, and an opaque picture is wanted")
-        return super().numbers()
-
-    def meaning(self) -> Transfer | ColourSpace | None:
-        """A transfer, another space of colours, or nothing.
-
-        Where several chunks say something, ours goes first and then they have the order of the standard: `cICP`,
-        `iCCP`, `sRGB`, `gAMA` with `cHRM`.
-        """
-        try:
-            return _stated(self.chunks)
-        except ValueError as cause:
-            raise self.error(str(cause)) from cause
+    def stated(self) -> Transfer | ColourSpace | None:
+        """What our own chunk says, else the first in the standard's order: `cICP`, `iCCP`, `sRGB`, `gAMA`, `cHRM`."""
+        for transfer in get_args(Transfer):
+            if KEYWORD + b"\0" + transfer.encode() in self.chunks.get(b"tEXt", b""):
+                return transfer
+        if len(self.chunks.get(b"cICP", b"")) == 4:
+            primaries, code = self.chunks[b"cICP"][:2]
+            if primaries not in PRIMARIES or code not in CURVES:
+                said = f"says by cICP that its primaries are {primaries} and its transfer is {code} (ITU-T H.273)"
+                raise ValueError(f"{said}, which are not read: convert it to sRGB, or say what it is (--transfer)")
+            return _space("by cICP", CURVES[code], PRIMARIES[primaries])
+        if b"iCCP" in self.chunks:
+            # A name, a zero, the method of compression, the profile, of which at most 16 MiB are unpacked.
+            try:
+                profile = zlib.decompressobj().decompress(self.chunks[b"iCCP"].partition(b"\0")[2][1:], 16 << 20)
+            except zlib.error:
+                profile = b""
+            return read_profile(profile) or "srgb"
+        if b"sRGB" in self.chunks:
+            return "srgb"
+        gamma = int.from_bytes(self.chunks.get(b"gAMA", b""))
+        if gamma <= 0:
+            return None
+        white_first = struct.unpack(">8I", self.chunks[b"cHRM"]) if len(self.chunks.get(b"cHRM", b"")) == 32 else ()
+        primaries = tuple(number / 100_000 for number in (*white_first[2:], *white_first[:2])) or REC_709
+        return _space("by cHRM", srgb_to_linear if gamma == SRGB_GAMMA else power_curve(gamma / 100_000), primaries)
 
     def origin(self) -> PictureOrigin:
         """What `write_png` was given as metadata, and what a text `generatedBy` says."""
@@ -193,59 +210,6 @@ class PngFile(LibraryFile):
             found = {}
         _, _, maker = self.chunks.get(b"tEXt", b"").partition(b"generatedBy\0")
         return PictureOrigin(found if isinstance(found, dict) else {}, maker.partition(b"\0")[0].decode("latin-1"))
-
-    def _check_pixels(self) -> None:
-        """Refuse a file of which some pixels are missing."""
-        width, height, bits, colour_type, _, _, interlace = struct.unpack(">IIBBBBB", self.chunks[b"IHDR"])
-        if width == 0 or height == 0 or bits not in _BITS.get(colour_type, ()):
-            what = f"{width} x {height} pixels of colour type {colour_type} with {bits} bits a sample"
-            raise self.error(f"is a broken PNG file: {what}")
-        size = sum(
-            # The number of rows of the pass, each with its filter's number and its pixels in whole bytes.
-            -((y - height) // y_step) * (1 + math.ceil(-((x - width) // x_step) * _SAMPLES[colour_type] * bits / 8))
-            for x, y, x_step, y_step in (_ADAM7 if interlace else _ONE_PASS)
-            if x < width and y < height
-        )
-        try:
-            # The limit keeps a small file from filling the memory; what follows the pixels does not matter.
-            rows = zlib.decompressobj().decompress(self.chunks.get(b"IDAT", b""), min(size, sys.maxsize))
-        except zlib.error as cause:
-            raise self.error("is a broken PNG file: its pixels cannot be decompressed") from cause
-        if len(rows) != size:
-            raise self.error("is a truncated PNG file: some of its pixels are missing")
-        most = 178_956_970  # A small file must not fill the memory; Pillow has this limit too.
-        if width * height > most:
-            raise self.error(f"is too large: it has {width} x {height} pixels, and at most {most:,} are read")
-
-
-def _stated(chunks: Mapping[bytes, bytes]) -> Transfer | ColourSpace | None:
-    """What the chunks say of the numbers. Raises ValueError where that is not known; the text completes "FILE: "."""
-    for transfer in get_args(Transfer):
-        if KEYWORD + b"\0" + transfer.encode() in chunks.get(b"tEXt", b""):
-            return transfer
-    if len(chunks.get(b"cICP", b"")) == 4:
-        primaries, code = chunks[b"cICP"][:2]
-        if primaries not in PRIMARIES or code not in CURVES:
-            raise ValueError(
-                f"says by cICP that its primaries are {primaries} and its transfer is {code} (ITU-T H.273), which are "
-                "not read: convert the picture to sRGB, or say what its numbers are (--transfer)"
-            )
-        return _space("by cICP", CURVES[code], PRIMARIES[primaries])
-    if b"iCCP" in chunks:
-        # A name, a zero, the method of compression, the profile, of which at most 16 MiB are unpacked.
-        try:
-            profile = zlib.decompressobj().decompress(chunks[b"iCCP"].partition(b"\0")[2][1:], 16 << 20)
-        except zlib.error:
-            profile = b""
-        return read_profile(profile) or "srgb"
-    if b"sRGB" in chunks:
-        return "srgb"
-    gamma = int.from_bytes(chunks.get(b"gAMA", b""), "big")
-    if gamma <= 0:
-        return None
-    white_first = struct.unpack(">8I", chunks[b"cHRM"]) if len(chunks.get(b"cHRM", b"")) == 32 else ()
-    primaries = tuple(number / 100_000 for number in (*white_first[2:], *white_first[:2])) or REC_709
-    return _space("by cHRM", srgb_to_linear if gamma == SRGB_GAMMA else power_curve(gamma / 100_000), primaries)
 
 
 def _space(name: str, curve, primaries: Chromaticities) -> Transfer | ColourSpace:

@@ -18,7 +18,6 @@ Chromaticities = tuple[float, ...]
 """The x and y of red, green, blue and white, eight numbers (CIE 1931)."""
 
 REC_709: Chromaticities = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
-
 XYZ: Chromaticities = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)
 
 LINEAR_SPACES: dict[str, Chromaticities] = {
@@ -40,23 +39,19 @@ NEARLY = 2e-3
 
 
 def encode_course(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
-    """Return floor(maximum * clamp(C)) with the maximum 255 (uint8) or 65535 (uint16), the shape of `rgb`."""
-    return np.floor((2**bits - 1) * _clamped(rgb)).astype(f"u{bits // 8}")
+    """floor(maximum * clamp(C)) with the maximum 255 (uint8) or 65535 (uint16), the shape of `rgb`."""
+    return np.floor((2**bits - 1) * np.clip(np.asarray(rgb, np.float64), 0, 1)).astype(f"u{bits // 8}")
 
 
 def encode_srgb(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
-    """Return the sRGB encoding (IEC 61966-2-1) of clamp(C), rounded to uint8 or uint16, the shape of `rgb`."""
-    linear = _clamped(rgb)
+    """The sRGB encoding (IEC 61966-2-1) of clamp(C), rounded to uint8 or uint16, the shape of `rgb`."""
+    linear = np.clip(np.asarray(rgb, np.float64), 0, 1)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return np.round((2**bits - 1) * encoded).astype(f"u{bits // 8}")
 
 
-def _clamped(rgb: ArrayLike) -> np.ndarray:
-    return np.clip(np.asarray(rgb, np.float64), 0.0, 1.0)
-
-
 def decode_course(stored: np.ndarray) -> np.ndarray:
-    """Return the scene-linear float64 colours that `encode_course` stored, without bias.
+    """The scene-linear float64 colours that `encode_course` stored, without bias.
 
     A stored k covers [k, k + 1) / maximum, so its middle is the estimate: k / maximum alone is half a step too
     dark on average. The ends differ: the maximum is stored by colours clamped to exactly 1 only, and nearly
@@ -68,7 +63,7 @@ def decode_course(stored: np.ndarray) -> np.ndarray:
 
 
 def decode_srgb(stored: np.ndarray) -> np.ndarray:
-    """Return the scene-linear float64 colours of sRGB-encoded integers."""
+    """The scene-linear float64 colours of sRGB-encoded integers."""
     return srgb_to_linear(stored / largest_number(stored))
 
 
@@ -82,7 +77,7 @@ def largest_number(stored: np.ndarray) -> int:
 
 
 def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
-    """Return the scene-linear colours of sRGB-encoded ones from 0 to 1 (IEC 61966-2-1)."""
+    """The scene-linear colours of sRGB-encoded ones from 0 to 1 (IEC 61966-2-1)."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
@@ -103,18 +98,11 @@ class ColourSpace(NamedTuple):
         light = self.curve(np.asarray(stored, np.float64) / largest_number(stored))
         return light if self.to_rec_709 is None else light @ self.to_rec_709.T
 
-    @property
-    def is_linear(self) -> bool:
-        """Whether its numbers are in proportion to light."""
-        probe = np.linspace(0, 1, 65)[:, None] * np.ones(3)
-        return bool(np.max(np.abs(self.curve(probe) - probe)) < 1e-3)
-
 
 def rgb_to_xyz(chromaticities: Chromaticities) -> np.ndarray:
     """The matrix from light in some primaries to CIE XYZ, with Y = 1 for white (SMPTE RP 177).
 
-    Raises:
-        ValueError: they are no triangle with a white in it; the text completes "FILE: ".
+    Raises ValueError if they are no triangle with a white in it; the text completes "FILE: ".
     """
     if len(chromaticities) != 8 or not np.isfinite(chromaticities).all() or chromaticities[7] == 0:
         raise ValueError(f"has chromaticities that are none: {chromaticities}")
@@ -151,8 +139,7 @@ def rounding_of(colors: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shap
     """How far storing may have moved scene-linear numbers: half a step of the coarsest way to store that all fit.
 
     These are 8 and 16 bits as the course's truncation, as sRGB and as rounded multiples of 1/255 or 1/65535, whose
-    darkest and brightest numbers may have been anything beyond; and 16 and 32 bits of floating point. It is 0 where
-    none of these fits.
+    darkest and brightest numbers may have been anything beyond; and 16 and 32 bits of floating point. 0 if none fits.
     """
     colors = np.asarray(colors, np.float64)
     for decoded, ends in (way for bits in (8, 16) for way in _ways_to_store(bits)):
@@ -176,9 +163,5 @@ def _ways_to_store(bits: int) -> list[tuple[np.ndarray, np.ndarray]]:
     stored, maximum = np.arange(2**bits).astype(f"u{bits // 8}"), 2**bits - 1
     steps = np.arange(1, 2**bits) / maximum
     halves = steps - 0.5 / maximum
-    ways = [
-        (decode_course(stored), steps),
-        (np.r_[0, steps], halves),
-        (decode_srgb(stored), srgb_to_linear(halves)),
-    ]
+    ways = (decode_course(stored), steps), (np.r_[0, steps], halves), (decode_srgb(stored), srgb_to_linear(halves))
     return [(decoded, np.r_[-np.inf, between, np.inf]) for decoded, between in ways]

@@ -29,21 +29,17 @@ def squares_within(
 ) -> tuple[int, int]:
     """The columns and rows of squares of such a side: those that are wanted, else as many as there is room for.
 
-    Raises RaytraceError, which says `where` that room is, if there is not so much, or none for two squares a side.
+    Raises RaytraceError, which says `where` that room is, if there is not so much, or none for `LEAST` squares a side.
     """
     # A length in inches may miss the last square by a rounding.
     columns, rows = (math.floor(length / side + 1e-9) for length in room)
-    if min(columns, rows) < LEAST:
-        raise RaytraceError(
-            f"{where} has room for {columns} x {rows} squares, and a board has at least {LEAST} a side."
-        )
-    if wanted and (wanted[0] > columns or wanted[1] > rows):
-        raise RaytraceError(f"{wanted[0]} x {wanted[1]} squares are too many: {where} has room for {columns} x {rows}.")
+    across, down = wanted or (LEAST, LEAST)
+    if across > columns or down > rows:
+        raise RaytraceError(f"{across} x {down} squares are too many: {where} has room for {columns} x {rows}.")
     return wanted or (columns, rows)
 
 
 def size_words(pattern: Pattern) -> str:
-    """The sizes of a board's parts in words."""
     sizes = f"{pattern.columns} x {pattern.rows} squares of {pattern.square:.6g} mm, markers {pattern.marker:.6g} mm"
     return f"{sizes}, {pattern.dictionary}"
 
@@ -83,12 +79,10 @@ def draw_sheet(pattern: Pattern, paper: PaperName) -> Figure:
 
 
 def sheet_words(pattern: Pattern, paper: PaperName) -> str:
-    """The line of text on the paper."""
     return f"raytrace-jax board: {size_words(pattern)}, {paper_words(paper)}; print at 100 %"
 
 
 def paper_words(paper: PaperName) -> str:
-    """A paper's name as people write it."""
     return paper.upper() if paper[0] == "a" else paper
 
 
@@ -108,10 +102,8 @@ def rectangles(cells: np.ndarray) -> np.ndarray:
 def screen_picture(pattern: Pattern, pixels: tuple[int, int], scale: int) -> np.ndarray:
     """A board amid a white screen of so many `pixels`, 8-bit grey, `scale` pixels a cell; as `draw_sheet` otherwise."""
     board = pattern_picture(pattern, scale)
-    picture = np.full(pixels[::-1], 255, np.uint8)
-    top, left = ((outer - inner) // 2 for outer, inner in zip(picture.shape, board.shape, strict=True))
-    picture[top : top + board.shape[0], left : left + board.shape[1]] = board
-    return picture
+    across, down = pixels[0] - board.shape[1], pixels[1] - board.shape[0]
+    return np.pad(board, ((down // 2, -(-down // 2)), (across // 2, -(-across // 2))), constant_values=255)
 
 
 def pattern_picture(pattern: Pattern, scale: int = 4) -> np.ndarray:

@@ -1,5 +1,6 @@
 """A contact sheet of many pictures, each above the words that tell it from the others."""
 
+import contextlib
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,13 +9,12 @@ from typing import NamedTuple
 from PIL import Image, ImageDraw, ImageFont
 
 from raytrace_jax.errors import RaytraceError
+from raytrace_jax.images.animation import shortened
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.report.panels import as_pixels
 
 LARGEST = 4800
 """The most pixels that the sheet is wide, however many pictures there are."""
-WIDTHS = 160, 320
-"""The least and the most pixels that a cell is wide where there is room."""
 LEAST_LABELLED = 80
 """Pixels of a cell; below a narrower one no words can be read."""
 GAP, LINE = 6, 15
@@ -42,14 +42,11 @@ class Layout(NamedTuple):
 
 
 def layout(count: int, size: tuple[int, int], lines: int, group: int = 1) -> Layout:
-    """Lay out cells for pictures of one size, with so many lines below where these can be read.
-
-    Where they can be, a row holds whole groups of so many cells.
-    """
+    """Cells for pictures of one size with so many lines below and, where these can be read, whole groups in a row."""
     columns = group * max(1, round(math.sqrt(count) / group))
     if group in (1, count) or columns > LARGEST // LEAST_LABELLED:
         columns = math.ceil(math.sqrt(count))
-    width = min(max(size[0], WIDTHS[0]), WIDTHS[1], LARGEST // columns - GAP)
+    width = min(max(size[0], 160), 320, LARGEST // columns - GAP)
     # A tall picture is narrower than its cell, so that the sheet stays bounded.
     height = max(1, round(width * min(1.5, size[1] / size[0])))
     shown = min(lines, 4) if width >= LEAST_LABELLED else 0
@@ -77,20 +74,13 @@ def draw_contact_sheet(cells: Sequence[LabelledPicture], group: int = 1) -> Imag
             way = Image.Resampling.NEAREST if scale > 1 else Image.Resampling.LANCZOS
             sheet.paste(picture.resize(size, way), (left, top))
         for line, text in enumerate(cell.lines[: plan.lines]):
-            # The end of a text is kept: the value is there.
-            shown = text
-            while shown != "..." and font.getlength(shown) > plan.box[0]:
-                shown = "..." + shown.removeprefix("...")[1:]
-            draw.text((left, top + plan.box[1] + 2 + line * LINE), shown, "black", font)
+            place = left, top + plan.box[1] + 2 + line * LINE
+            draw.text(place, shortened(text, font, plan.box[0]), "black", font)
     return sheet
 
 
 def _opened(path: Path | None) -> Image.Image | None:
     """A picture as a screen shows it; None where there is none."""
-    if path is None:
-        return None
-    try:
-        light = read_picture(path)
-    except RaytraceError:
-        return None
-    return Image.fromarray(as_pixels(light, "srgb"))
+    with contextlib.suppress(RaytraceError):
+        return None if path is None else Image.fromarray(as_pixels(read_picture(path), "srgb"))
+    return None

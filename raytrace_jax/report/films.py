@@ -1,7 +1,7 @@
 """OpenEXR files of a render and of its derivatives, which say with their channels how they were made."""
 
 import dataclasses
-import os
+from os import PathLike
 
 from raytrace_jax._version import __version__
 from raytrace_jax.images import Transfer
@@ -13,11 +13,9 @@ from raytrace_jax.tracer.rendering import Film
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
-PathLike = str | os.PathLike[str]
-
 
 def write_film(
-    path: PathLike, film: Film, scene: Scene, settings: RenderSettings | None = None, *, half: bool = False
+    path: str | PathLike[str], film: Film, scene: Scene, settings: RenderSettings | None = None, *, half: bool = False
 ) -> None:
     """Write a film as OpenEXR: R, G, B, the channels of its AOVs, and how it was made, so that it can be made again.
 
@@ -36,7 +34,7 @@ def write_film(
 
 
 def write_derivatives(
-    path: PathLike,
+    path: str | PathLike[str],
     found: PictureDerivatives,
     scene: Scene,
     settings: RenderSettings | None = None,

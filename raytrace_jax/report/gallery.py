@@ -33,6 +33,7 @@ sphere ball {{ material glass center {ball} }}
 
 _BOARD = "rectangle backdrop { material board center 0 0 -2.2 right 4 0 0 up 0 3 0 }"
 _BUBBLE = "material air { transmission 1 ior 1 }\nsphere bubble { material air center 0.3 0.12 0.3 radius 0.42 }"
+_CROWN = "-0.5 0.1 0.35 radius 0.72"
 _FLINT = "material flint { transmission 1 ior 1.85 }\nsphere far { material flint center 0.75 -0.1 -0.85 radius 0.72 }"
 
 
@@ -66,50 +67,34 @@ _ALPHA, _NO_TOTAL, _NO_SECOND = {"reflectance": "none"}, {"total_internal_reflec
 _NEITHER = "no total internal reflection,\nno second root"
 _NO_GLASS = {"fresnel": 0.0, "transmission": 0.0}
 
+_ASSIGNMENT = (
+    Variant("1_no_total_internal_reflection_no_second_root", _NEITHER, {**_ALPHA, **_NO_TOTAL, **_NO_SECOND}),
+    Variant("2_no_total_internal_reflection", "no total internal reflection", {**_ALPHA, **_NO_TOTAL}),
+    Variant("3_no_second_root", "no second root", {**_ALPHA, **_NO_SECOND}),
+    Variant("4_no_reflection", "no reflection", {**_ALPHA, "reflection": False}),
+    Variant("5_final", "final", _ALPHA),
+    Variant("6_final_schlick", "final, with Schlick's approximation", {"reflectance": "schlick"}),
+)
+_CHECKPOINTS = (
+    Variant("4_without_reflection", "checkpoint 4: without reflection", {"reflection": False}, _NO_GLASS),
+    Variant("4_reflection", "checkpoint 4: reflection", {}, _NO_GLASS),
+    Variant("5_without_fresnel", "checkpoint 5: without Fresnel", {}, _NO_GLASS),
+    Variant("5_fresnel", "checkpoint 5: Fresnel", {}, {"transmission": 0.0}),
+    Variant("6_without_transmission", "checkpoint 6: without transmission", {}, {"transmission": 0.0}),
+    Variant("6_transmission", "checkpoint 6: transmission"),
+)
+_BALLS = (
+    Variant("1_clear", "clear: index 1.5168", text=_scene()),
+    Variant("2_tinted", "tinted: red is absorbed most", text=_scene("ior 1.5168 absorption 0.75 0.22 0.10")),
+    Variant("3_dispersive", "dispersive: Abbe's number 8, a third of flint's", text=_scene("ior 1.78 abbe 8")),
+    Variant("4_bubble", "a bubble of air in it", text=_scene(more=_BUBBLE)),
+    Variant("5_two_balls", "two balls: index 1.31 before 1.85", text=_scene("ior 1.31", _FLINT, ball=_CROWN)),
+    Variant("6_environment", "the sky alone around it", text=_scene(board="")),
+)
 GALLERIES: dict[GallerySet, Gallery] = {
-    "assignment": Gallery(
-        "classic",
-        "vitreous",
-        3,
-        (
-            Variant("1_no_total_internal_reflection_no_second_root", _NEITHER, {**_ALPHA, **_NO_TOTAL, **_NO_SECOND}),
-            Variant("2_no_total_internal_reflection", "no total internal reflection", {**_ALPHA, **_NO_TOTAL}),
-            Variant("3_no_second_root", "no second root", {**_ALPHA, **_NO_SECOND}),
-            Variant("4_no_reflection", "no reflection", {**_ALPHA, "reflection": False}),
-            Variant("5_final", "final", _ALPHA),
-            Variant("6_final_schlick", "final, with Schlick's approximation", {"reflectance": "schlick"}),
-        ),
-    ),
-    "checkpoints": Gallery(
-        "additive",
-        "checkpoints",
-        2,
-        (
-            Variant("4_without_reflection", "checkpoint 4: without reflection", {"reflection": False}, _NO_GLASS),
-            Variant("4_reflection", "checkpoint 4: reflection", {}, _NO_GLASS),
-            Variant("5_without_fresnel", "checkpoint 5: without Fresnel", {}, _NO_GLASS),
-            Variant("5_fresnel", "checkpoint 5: Fresnel", {}, {"transmission": 0.0}),
-            Variant("6_without_transmission", "checkpoint 6: without transmission", {}, {"transmission": 0.0}),
-            Variant("6_transmission", "checkpoint 6: transmission"),
-        ),
-    ),
-    "glass": Gallery(
-        "physical",
-        "",
-        3,
-        (
-            Variant("1_clear", "clear: index 1.5168", text=_scene()),
-            Variant("2_tinted", "tinted: red is absorbed most", text=_scene("ior 1.5168 absorption 0.75 0.22 0.10")),
-            Variant("3_dispersive", "dispersive: Abbe's number 8, a third of flint's", text=_scene("ior 1.78 abbe 8")),
-            Variant("4_bubble", "a bubble of air in it", text=_scene(more=_BUBBLE)),
-            Variant(
-                "5_two_balls",
-                "two balls: index 1.31 before 1.85",
-                text=_scene("ior 1.31", _FLINT, ball="-0.5 0.1 0.35 radius 0.72"),
-            ),
-            Variant("6_environment", "the sky alone around it", text=_scene(board="")),
-        ),
-    ),
+    "assignment": Gallery("classic", "vitreous", 3, _ASSIGNMENT),
+    "checkpoints": Gallery("additive", "checkpoints", 2, _CHECKPOINTS),
+    "glass": Gallery("physical", "", 3, _BALLS),
 }
 """Galleries by the names that the command line takes."""
 
@@ -119,7 +104,7 @@ def render_gallery(
 ) -> Iterator[tuple[Variant, Scene, ResolvedSettings, PictureDerivatives]]:
     """Render the pictures of a gallery one after the other, each with the scene and the settings that made it.
 
-    Each is differentiated with respect to the parameters `wrt`, with edges; none gives no derivatives.
+    Each is differentiated with respect to the parameters `wrt`, with edges, if there are any.
     """
     for variant in gallery.variants:
         scene = scene_of(variant)

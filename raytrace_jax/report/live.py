@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, HTTPServer
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
 import matplotlib.colors
@@ -31,7 +31,6 @@ from raytrace_jax.util.digits import format_number
 from raytrace_jax.util.text import parse_number
 
 HOST = "127.0.0.1"
-PLAIN = "text/plain; charset=utf-8"
 
 
 class Slider(NamedTuple):
@@ -48,22 +47,12 @@ class Slider(NamedTuple):
 
     @property
     def step(self) -> float:
-        """The least distance by which the number moves."""
         return float(f"1e-{self.decimals}")
 
     def widened(self) -> "Slider":
         """The slider whose ends lie on whole steps, so that all its numbers are short."""
         ten = 10.0**self.decimals
         return self._replace(start=math.floor(self.start * ten) / ten, stop=math.ceil(self.stop * ten) / ten)
-
-
-class ColorScale(NamedTuple):
-    """The colours of a derivative: they end at `limit` and its negative, and have round `ticks` within."""
-
-    limit: float
-    ticks: tuple[float, ...]
-    unit: str  # Of the parameter, for people.
-    beyond: float  # The fraction of the pixels that exceed the scale, of those that depend on the parameter.
 
 
 @dataclasses.dataclass
@@ -84,41 +73,39 @@ class Studio:
         return {name: format_number(number.dtype.type(number)) for name, number in numbers.items()}
 
     def picture(self, scene: Scene) -> bytes:
-        """The picture as PNG."""
         image = np.asarray(render(scene, self.settings).image)
         self.compiled.add("picture")
         return png_bytes(Image.fromarray(as_pixels(image, self.transfer)))
 
-    def derivative(self, scene: Scene, name: str) -> tuple[bytes, ColorScale]:
-        """The derivative by a number as PNG, the mean of R, G and B, and what its colours mean.
-
-        It is differentiated by all sliders, of which one program is compiled.
-        """
-        names = [slider.name for slider in self.sliders]
+    def derivative(self, scene: Scene, name: str) -> tuple[bytes, dict[str, Any]]:
+        """The derivative by a number as PNG, the mean of R, G and B, and the scale of its colours as `scale_of`."""
+        names = [slider.name for slider in self.sliders]  # By all of them: then one program is compiled.
         found = picture_derivatives(scene, names, dataclasses.replace(self.settings, edges=self.edges))
         self.compiled.add("derivative")
         mean = np.nan_to_num(np.asarray(found.values[found.names.index(name)].mean(axis=0), np.float64))
-        scale = scale_of(mean, resolve(scene, name).attribute.unit)
-        return png_bytes(Image.fromarray(signed_pixels(mean, scale.limit))), scale
+        scale = scale_of(mean) | {"unit": resolve(scene, name).attribute.unit}
+        return png_bytes(Image.fromarray(signed_pixels(mean, scale["limit"]))), scale
 
     def rays(self, scene: Scene, column: int, row: int) -> bytes:
         """The rays of a pixel of the whole picture as SVG."""
         settings = dataclasses.replace(self.settings, edges="point", samples=1)
         tree = trace_tree(scene, (column, row), settings)
-        with io.BytesIO() as file:
-            figure = draw_tree(tree, scene, f"pixel {column} {row}", settings)
-            figure.savefig(file, format="svg", bbox_inches="tight", metadata={"Date": None})
-            self.compiled.add("rays")
-            return file.getvalue()
+        file, figure = io.BytesIO(), draw_tree(tree, scene, f"pixel {column} {row}", settings)
+        figure.savefig(file, format="svg", bbox_inches="tight")
+        self.compiled.add("rays")
+        return file.getvalue()
 
 
-def scale_of(mean: Float[np.ndarray, "height width"], unit: str) -> ColorScale:
-    """The colour scale of a derivative, as on the sheets of `grad`; with 1 where nothing depends on it."""
+def scale_of(mean: Float[np.ndarray, "height width"]) -> dict[str, Any]:
+    """The colour scale of a derivative: its end, as on the sheets of `grad`, or 1 where all is 0; round ticks.
+
+    `beyond` is the fraction of the pixels that exceed it, of those that depend on the parameter.
+    """
     limit = scale_limit(mean[None]) or 1.0
     ticks = matplotlib.ticker.MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]).tick_values(-limit, limit)
     changed = np.abs(mean[mean != 0])
     beyond = float(np.mean(changed > limit)) if changed.size else 0.0
-    return ColorScale(limit, tuple(float(tick) + 0.0 for tick in ticks if abs(tick) <= limit), unit, beyond)
+    return {"limit": limit, "ticks": [float(t) + 0.0 for t in ticks if abs(t) <= limit], "beyond": beyond}
 
 
 def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
@@ -135,16 +122,16 @@ def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
                 code = 400 if isinstance(error, RaytraceError) else 500
                 if code == 500:
                     self.server.handle_error(self.request, self.client_address)  # Writes where it happened.
-                body, media = one_sentence(error).encode(), PLAIN
+                body, media = one_sentence(error).encode(), "text/plain; charset=utf-8"
             self.send_response(code)
-            for key, value in (("Type", media), ("Length", str(len(body)))):
-                self.send_header(f"Content-{key}", value)
+            self.send_header("Content-Type", media)
+            self.send_header("Content-Length", str(len(body)))
             self.send_header("Cache-Control", "no-store")
             self.end_headers()
             self.wfile.write(body)
 
         def log_message(self, format: str, *args: object) -> None:
-            """Requests are not told."""
+            """Nothing: requests are not told."""
 
     try:
         return HTTPServer((HOST, port), Handler)
@@ -163,7 +150,7 @@ def answer(studio: Studio, title: str, path: str) -> tuple[bytes, str, int]:
     if parts.path == "/":
         return render_page(studio, title).encode(), "text/html; charset=utf-8", 200
     if parts.path not in ("/picture", "/derivative", "/rays"):
-        return b"there is no such page", PLAIN, 404
+        return b"there is no such page", "text/plain", 404
     names = [slider.name for slider in studio.sliders]
     scene = set_parameters(studio.scene, {name: _number(query, name) for name in names if name in query})
     told: dict[str, object] = {"values": studio.values(scene)}
@@ -173,8 +160,8 @@ def answer(studio: Studio, title: str, path: str) -> tuple[bytes, str, int]:
         by = query.get("by", "")
         if by not in names:
             raise ParameterError(f"by is {by!r}; there are {', '.join(names)}.")
-        image, scale = studio.derivative(scene, by)
-        told |= {"image": data_address(image), "scale": scale._asdict()}
+        image, told["scale"] = studio.derivative(scene, by)
+        told["image"] = data_address(image)
     else:
         column, row = (int(_number(query, key)) for key in ("column", "row"))
         told["image"] = data_address(studio.rays(scene, column, row), "image/svg+xml")
@@ -182,7 +169,6 @@ def answer(studio: Studio, title: str, path: str) -> tuple[bytes, str, int]:
 
 
 def _number(query: Mapping[str, str], key: str) -> float:
-    """A number of a query. Raises ParameterError if there is none."""
     try:
         return parse_number(query.get(key, ""))
     except ValueError:

@@ -46,10 +46,8 @@ def draw_signed_values(ax: Axes, values: np.ndarray, limit: float, extends: bool
 
 
 def remove_ticks(axes: Iterable[Axes]) -> None:
-    """Take the ticks off panels that show pictures."""
     for ax in axes:
-        ax.set_xticks([])
-        ax.set_yticks([])
+        ax.set(xticks=[], yticks=[])
 
 
 def panel_bands(count: int, columns: int, rows_each: int, width: float, height: float) -> tuple[Figure, np.ndarray]:
@@ -77,14 +75,12 @@ def page_template(package: str, name: str, filters: Mapping[str, Callable[..., A
 
 
 def png_bytes(image: Image.Image) -> bytes:
-    """A picture as a PNG file, quickly compressed."""
     file = io.BytesIO()
     image.save(file, "PNG", compress_level=1)
     return file.getvalue()
 
 
 def data_address(body: bytes, media: str = "image/png") -> str:
-    """A file as an address that holds it."""
     return f"data:{media};base64,{base64.b64encode(body).decode()}"
 
 
@@ -97,8 +93,8 @@ def drawable(name: str, longest: int) -> str:
 
 def letter_panels(axes: Iterable[Axes]) -> None:
     """Put (a), (b), (c) and so on before the titles of the panels that have one and are seen."""
-    titled = [ax for ax in axes if ax.get_visible() and ax.get_title()]
-    for number, ax in enumerate(titled):
-        before, last = divmod(number, len(ascii_lowercase))
-        letters = (ascii_lowercase[before - 1] if before else "") + ascii_lowercase[last]
-        ax.title.set_text(f"({letters}) {ax.get_title()}")
+    letters = ["", *ascii_lowercase]
+    names = (before + last for before in letters for last in ascii_lowercase)
+    for ax in axes:
+        if ax.get_visible() and ax.get_title():
+            ax.title.set_text(f"({next(names)}) {ax.get_title()}")

@@ -93,8 +93,8 @@ def draw_tree(
     settings = resolve_settings(scene, settings)
     tree = tree._replace(nodes=tuple(node for node in tree.nodes if node.weight >= least))
     root = tree.nodes[0]
-    ends = [node.p for node in tree.nodes if node.shape is not None] or [root.o + root.d]
-    points = np.array([root.o, *ends], np.float64)
+    hits = [node.p for node in tree.nodes if node.shape is not None]
+    points = np.array([root.o, *(hits or [root.o + root.d])], np.float64)
     view = fit_view(points, root)
     # Outlines say how much there is to show, and that, how far lines have to reach.
     low, high = window(tree, sections(scene, view, 1.0, settings), view)
@@ -121,17 +121,11 @@ def draw_tree(
     return figure
 
 
-def _corners(ax: Axes) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left and upper right of what a panel shows."""
-    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    return np.array([left, bottom]), np.array([right, top])
-
-
 def _draw_shapes(
     ax: Axes, scene: Scene, shown: dict[str, Section], hit: set[str | None], busy: list[np.ndarray]
 ) -> None:
     """Draw and name all shapes; lines are named where they are farthest from what is `busy`, the hits and names."""
-    low, high = _corners(ax)
+    low, high = np.transpose([ax.get_xlim(), ax.get_ylim()])
     # The weights of all models: a scene for one of them leaves the others' at 0.
     materials = blocks_of(scene, "material")
     through = [max(float(block.read(scene, weight)) for weight in ("alpha", "transmission")) for block in materials]
@@ -158,7 +152,7 @@ def _draw_shapes(
 
 def _name(ax: Axes, name: str, place: np.ndarray, rises: bool = False) -> None:
     """Write a name beside its place, within the drawing, to the left of a line that rises."""
-    shown, (low, high) = drawable(name, 26), _corners(ax)
+    shown, (low, high) = drawable(name, 26), np.transpose([ax.get_xlim(), ax.get_ylim()])
     # A letter is a hundred-and-twentieth of the drawing's longer side, which is 8 inches.
     size = np.array([len(shown) / 120, 0.025]) * np.max(high - low)
     right, up = place + size > high
@@ -174,8 +168,8 @@ def _draw_ray(ax: Axes, node: RayNode, view: CuttingPlane, stub: float) -> None:
     start = view.project(node.o)
     missed = node.shape is None
     end = view.project(node.o + node.d * stub) if missed else view.project(node.p)
-    color, dashes = COLOURS[node.kind], (0, (2, 1.5)) if missed else "-"
-    style = {"linewidth": 0.7 + (4.0 - 0.7) * node.weight, "linestyle": dashes, "alpha": 0.85}
+    color = COLOURS[node.kind]
+    style = {"linewidth": 0.7 + (4.0 - 0.7) * node.weight, "linestyle": (0, (2, 1.5)) if missed else "-", "alpha": 0.85}
     ax.plot(*zip(start, end, strict=True), zorder=3, solid_capstyle="round", color=color, **style)
     tip = start + (end - start) * (1.0 if missed else 0.55)
     arrow = {"arrowstyle": "-|>", "color": color, "alpha": 0.9, "mutation_scale": 8 + 5 * node.weight}
@@ -205,8 +199,8 @@ def _draw_numbers(ax: Axes, tree: RayTree, view: CuttingPlane, size: float, tran
 
 
 def _draw_legend(ax: Axes, tree: RayTree) -> None:
-    kinds = [kind for kind in COLOURS if any(node.kind == kind for node in tree.nodes)]
-    lines = [Line2D([], [], color=COLOURS[kind], linewidth=2.2, label=kind) for kind in kinds]
+    found = {node.kind for node in tree.nodes}
+    lines = [Line2D([], [], color=COLOURS[kind], linewidth=2.2, label=kind) for kind in COLOURS if kind in found]
     if any(node.shape is None for node in tree.nodes):
         lines.append(Line2D([], [], color="0.4", linewidth=1.2, linestyle=(0, (2, 1.5)), label="hits nothing"))
     title = "rays, as thick as they count;\nnumbers lie on the colour\nthat the ray brings back"

@@ -104,24 +104,24 @@ def json_text(value: object) -> str:
     return json.dumps(strict(value), indent=2, allow_nan=False) + "\n"
 
 
-def strict(value: object) -> object:
-    """Plain Python values, without the NaN and Infinity that JSON does not have; arrays are lists, paths are texts.
+def strict(value: object, nulls: bool = True) -> object:
+    """Plain Python values: arrays are lists, paths are texts. JSON has no NaN and Infinity: `nulls` makes them None.
 
     Raises:
         RaytraceError: there is something that JSON cannot hold.
     """
     if isinstance(value, Mapping):
-        return {key: strict(entry) for key, entry in value.items()}
+        return {key: strict(entry, nulls) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [strict(entry) for entry in value]
+        return [strict(entry, nulls) for entry in value]
     if isinstance(value, Path):
         return str(value)
     if value is None or isinstance(value, (str, bool, int)):
         return value
-    if isinstance(value, float):
+    if isinstance(value, float) and (nulls or math.isfinite(value)):
         return value if math.isfinite(value) else None
     # An array of NumPy or JAX, neither of which the help of commands waits for.
     as_array = getattr(value, "__array__", None)
     if as_array is None:
         raise RaytraceError(f"JSON cannot hold {value!r}.")
-    return strict(as_array().tolist())
+    return strict(as_array().tolist(), nulls)

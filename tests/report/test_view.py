@@ -105,12 +105,12 @@ def test_what_was_made_once_needs_no_compiling():
 def test_the_scale_is_that_of_the_sheets_of_derivatives():
     mean = np.random.default_rng(1).standard_cauchy((30, 40))
     mean[:10] = 0
-    scale = scale_of(mean, "unit of index")
-    assert scale.limit == scale_limit(mean[None]) and scale.unit == "unit of index"
-    assert scale.beyond == np.mean(np.abs(mean[10:]) > scale.limit) > 0
-    assert len(scale.ticks) >= 3 and 0 in scale.ticks and np.abs(scale.ticks).max() <= scale.limit
-    np.testing.assert_allclose(scale.ticks, -np.array(scale.ticks[::-1]), atol=1e-12)
-    assert scale_of(np.zeros((3, 4)), "world unit")[::3] == (1.0, 0.0)
+    scale = scale_of(mean)
+    ticks, limit = scale["ticks"], scale["limit"]
+    assert limit == scale_limit(mean[None]) and scale["beyond"] == np.mean(np.abs(mean[10:]) > limit) > 0
+    assert len(ticks) >= 3 and 0 in ticks and np.abs(ticks).max() <= limit
+    np.testing.assert_allclose(ticks, -np.array(ticks[::-1]), atol=1e-12)
+    assert scale_of(np.zeros((3, 4))) | {"ticks": []} == {"limit": 1.0, "ticks": [], "beyond": 0.0}
 
 
 @pytest.mark.slow

@@ -146,7 +146,7 @@ def run_teach(command: Teach) -> None:
     # A display on stderr would catch what is printed on stdout.
     with contextlib.nullcontext() if timer.display else timer, jax_session(64):
         for number, name in enumerate(names, start=1):
-            figure = LESSONS[name].draw()
+            figure = LESSONS[name]()
             for suffix in ("png", *command.also):
                 path = command.output / f"{name}.{suffix}"
                 with atomic_write(path) as temporary:

@@ -28,10 +28,7 @@ class _Powers(LogFormatter):
 
 
 def draw_cost(ax: Axes, result: FitResult) -> None:
-    """Draw the cost against the steps that led to the estimate, one line a level; other candidates thin and pale.
-
-    The legend stands between the title and the panel, where it covers no line.
-    """
+    """Draw the cost against the steps that led to the estimate, one line a level; other candidates thin and pale."""
     steps = winning_steps(result)
     labels = level_labels(steps)
     others = [step for step in result.history.steps if step.accepted and step.candidate != result.history.candidate]
@@ -50,6 +47,7 @@ def draw_cost(ax: Axes, result: FitResult) -> None:
         ax.yaxis.set_major_formatter(_Powers())
         ax.yaxis.set_minor_formatter(_Powers(labelOnlyBase=False, minor_thresholds=(1, 0.4)))
     if levels:
+        # Between the title and the panel, where it covers no line.
         where = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.02), "borderaxespad": 0, "borderpad": 0}
         looks = {"fontsize": 7, "frameon": False, "handlelength": 1.2, "labelspacing": 0.2, "columnspacing": 1.0}
         ax.legend(ncols=2, **where, **looks)
@@ -150,11 +148,9 @@ def interval_text(result: FitResult, profile: Profile) -> str:
     error = float(result.standard_error[result.names.index(profile.name)])
     ends = [typeset(value_and_error(end, error)[0]) for end in profile.interval]
     lower, upper = np.isfinite(profile.interval)
-    if lower and upper:
-        return f"95 %: {ends[0]} to {ends[1]}"
-    if lower or upper:
-        return f"95 %: above {ends[0]}" if lower else f"95 %: below {ends[1]}"
-    return "95 %: not bounded within these values"
+    if lower:
+        return f"95 %: {ends[0]} to {ends[1]}" if upper else f"95 %: above {ends[0]}"
+    return f"95 %: below {ends[1]}" if upper else "95 %: not bounded within these values"
 
 
 def _exponent(extent: float) -> int:

@@ -15,16 +15,8 @@ from PIL import Image
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report import curves
-from raytrace_jax.report.fit_report.summary import correlation_text, in_steps_of_8_bits, typeset
-from raytrace_jax.report.panels import (
-    as_pixels,
-    data_address,
-    draw_signed_values,
-    drawable,
-    letter_panels,
-    png_bytes,
-    remove_ticks,
-)
+from raytrace_jax.report.fit_report.summary import correlation_text, facts, typeset
+from raytrace_jax.report.panels import as_pixels, data_address, draw_signed_values, drawable, letter_panels, png_bytes
 
 
 class ResidualMap(NamedTuple):
@@ -50,22 +42,14 @@ def residual_of(result: FitResult, image: np.ndarray) -> ResidualMap:
     return ResidualMap(picture, limit, bool(sizes.max() > limit))
 
 
-class Embedded(NamedTuple):
-    """An image of a page: its data address, its size in pixels, and whether its pixels are to stay visible."""
-
-    address: str
-    width: int
-    height: int
-    coarse: bool = False
-
-
-def embed(image: Image.Image, colours: int | None = None) -> Embedded:
-    """Embed an 8-bit picture, in so few colours if it is one of lines."""
+def embed(image: Image.Image, colours: int | None = None) -> dict[str, object]:
+    """An 8-bit picture on a page, in so few colours if it is one of lines: its data address, its size in pixels."""
     # Pictures above 1600 pixels are reduced: a page has no room for more, and a mail no patience.
     image = image.reduce(-(-max(image.size) // 1600))
     image = image.quantize(colours) if colours else image
     # Pictures below 200 pixels are shown with visible pixels rather than smoothed.
-    return Embedded(data_address(png_bytes(image)), *image.size, coarse=image.width < 200)
+    size = {"width": image.width, "height": image.height, "coarse": image.width < 200}
+    return {"address": data_address(png_bytes(image)), **size}
 
 
 KEY = """\
@@ -91,10 +75,7 @@ class Sheet(NamedTuple):
 
 
 def draw_report(result: FitResult, long: bool = False) -> Sheet:
-    """Draw target, start, fit and residual, the cost, the way of every parameter, ellipses and profiles.
-
-    `long` writes estimates as `with_error` does then.
-    """
+    """Draw target, start, fit and residual, the cost, the way of every parameter, ellipses and profiles."""
     # Wide pictures stand in two rows, panels of curves at most five in one; all heights are inches.
     _, height, width = result.pictures.target.shape
     picture_columns = 2 if width / height > 2.2 else 4
@@ -105,14 +86,14 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
     heights = 0.45 + 0.15 * len(message) + 4 // picture_columns * picture_height, 0.4 + 2.2 * rows
 
     figure = Figure(figsize=(12.0, 0.25 + sum(heights)), dpi=300, layout="constrained")
-    canvas = FigureCanvasAgg(figure)
-    colour = COLOURS[result.status]
-    figure.suptitle(result.status.replace("_", " "), fontsize=12, fontweight="bold", color=colour)
+    canvas, title = FigureCanvasAgg(figure), result.status.replace("_", " ")
+    figure.suptitle(title, fontsize=12, fontweight="bold", color=COLOURS[result.status])
     pictures, panels = figure.subfigures(2, squeeze=False, height_ratios=heights).ravel()
-    rms, typical = map(in_steps_of_8_bits, (result.pictures.rms_residual, result.pictures.typical_residual))
-    facts = f"rms residual {rms}, typical {typical}, {len(result.history.steps)} steps"
-    pictures.suptitle("\n".join([*message, facts]), fontsize=9, parse_math=False)
-    _draw_pictures(pictures.subplots(4 // picture_columns, picture_columns).ravel(), result)
+    told = {label: value for label, (value, _) in facts(result).items()}
+    judged = f"rms residual {told['rms residual']}, typical {told['typical residual']}, {told['steps']} steps"
+    pictures.suptitle("\n".join([*message, judged]), fontsize=9, parse_math=False)
+    no_ticks = {"xticks": [], "yticks": []}
+    _draw_pictures(pictures.subplots(4 // picture_columns, picture_columns, subplot_kw=no_ticks).ravel(), result)
     panels.suptitle(KEY, fontsize=8, color="0.35")
     axes = panels.subplots(rows, math.ceil(len(drawn) / rows), squeeze=False).ravel()
     for ax, (_, _, _, title, draw) in zip(axes, drawn, strict=False):
@@ -154,15 +135,13 @@ def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, str, Cal
 
 
 def _draw_pictures(axes: Sequence[Axes], result: FitResult) -> None:
-    shown = (("target", result.pictures.target), ("start", result.pictures.start), ("fit", result.pictures.estimate))
-    for ax, (name, image) in zip(axes, shown, strict=False):
+    pictures = result.pictures
+    shown = {"target": pictures.target, "start": pictures.start, "fit": pictures.estimate}
+    for ax, (name, image) in zip(axes, shown.items(), strict=False):
         if image is not None:
             ax.imshow(as_pixels(image, screen_transfer(result.settings)), interpolation="nearest")
         ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9)
-    if result.pictures.estimate is None:
-        axes[3].set_visible(False)
-    else:
-        residual = residual_of(result, result.pictures.estimate)
-        draw_signed_values(axes[3], residual.picture, residual.limit, residual.extends, "1/255")
+    axes[3].set_visible(pictures.estimate is not None)
+    if pictures.estimate is not None:
+        draw_signed_values(axes[3], *residual_of(result, pictures.estimate), "1/255")
         axes[3].set_title("fit − target, worst channel", fontsize=9)
-    remove_ticks(axes)

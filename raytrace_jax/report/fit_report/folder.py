@@ -65,10 +65,9 @@ def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool
     folder = Path(folder)
     scene_text = read_bytes(folder / SCENE_FILE).decode()
     metadata = how_made(scene_text, result.settings)  # A texture that came as numbers has its file in that text alone.
-    residual = None if result.pictures.estimate is None else result.pictures.estimate - result.pictures.target
-    for name, image in (("fit.exr", result.pictures.estimate), ("residual.exr", residual)):
-        if image is not None:
-            write_exr(folder / name, dict(zip("RGB", image, strict=True)), metadata=metadata)
+    if (image := result.pictures.estimate) is not None:
+        write_exr(folder / "fit.exr", image, metadata=metadata)
+        write_exr(folder / "residual.exr", image - result.pictures.target, metadata=metadata)
     save_record(result, folder)
     for name, text in TEXTS.items():
         write_text(folder / name, text(result, long))

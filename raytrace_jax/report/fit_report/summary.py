@@ -10,6 +10,8 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from raytrace_jax._version import __version__
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -27,16 +29,13 @@ def typeset(number: str) -> str:
 
 
 def power_of_ten(exponent: int) -> str:
-    """Write a power of ten with a raised exponent."""
     return f"10{str(exponent).translate(_RAISED)}"
 
 
 def number_text(value: float, digits: int = 3) -> str:
     """Write a number to some significant digits; infinity and NaN in words."""
-    if math.isnan(value):
-        return "unknown"
-    if math.isinf(value):
-        return "infinite"
+    if not math.isfinite(value):
+        return "unknown" if math.isnan(value) else "infinite"
     # Without a power of ten where that would only say "thousand".
     plain = 0.001 <= abs(value) < 10**5
     rounded = float(f"{value:.{digits - 1}e}")
@@ -45,8 +44,7 @@ def number_text(value: float, digits: int = 3) -> str:
 
 def in_steps_of_8_bits(colour: float) -> str:
     """Write a difference of colours as `2.43/255`, or `unknown` where it is NaN."""
-    text = number_text(255 * colour)
-    return text if math.isnan(colour) else f"{text}/255"
+    return number_text(255 * colour) + ("" if math.isnan(colour) else "/255")
 
 
 def error_text(error: float) -> str:
@@ -74,6 +72,38 @@ def level_labels(history: Sequence[FitStep]) -> dict[int, str]:
     return {level: f"{label}, level {level + 1}" if label in shared else label for level, label in labels.items()}
 
 
+def facts(result: FitResult) -> dict[str, tuple[str, str]]:
+    """Number and remark of each number that judges the whole fit, by its label."""
+    pictures, sure, steps, samples = result.pictures, result.uncertainty, result.history.steps, result.target_samples
+    height, width = pictures.weights.shape
+    counted, left_out = int(np.count_nonzero(pictures.weights)), pictures.left_out
+    origin = "given" if sure.sigma_given else "estimated from the residual"
+    apart = f"by the median; {left_out:,} pixel{'s' * (left_out > 1)} at edges and the like left out"
+    chi_square = (number_text(sure.reduced_chi_square), "1 is right")
+    starts = len({step.candidate for step in steps})
+    spent = f"{steps[-1].seconds:.3g} s" if steps else "no time"
+    grid = ("many", "each pixel is taken for the mean over its area")
+    return {
+        "rms residual": (in_steps_of_8_bits(pictures.rms_residual), "no blur, every pixel that counts"),
+        "typical residual": (
+            in_steps_of_8_bits(pictures.typical_residual),
+            apart if left_out else "where the picture depends on a parameter",
+        ),
+        "noise": (in_steps_of_8_bits(sure.sigma), f"standard deviation, {origin}"),
+        **({"reduced chi-square": chi_square} if sure.sigma_given else {}),
+        "condition number": (number_text(sure.condition_number), "1 is best; of the scaled Jacobian"),
+        "steps": (str(len(steps)), f"{starts} {'start' if starts == 1 else 'starts'}, {spent}"),
+        "pixels": (f"{width} × {height}", "all count" if counted == width * height else f"{counted:,} count"),
+        "target's samples": grid if samples is None else (f"{samples} × {samples}", "a pixel, on a regular grid"),
+    }
+
+
+def place_words(result: FitResult) -> str:
+    """Where in the whole picture the target begins, behind its size; empty for all of it."""
+    crop = result.settings.crop
+    return f" from column {crop[0]}, row {crop[1]} on" if crop else ""
+
+
 AFTER = "seconds_after_the_last_step"
 """The command line adds to a result's provenance by this name the time in which the estimate was judged."""
 
@@ -84,8 +114,8 @@ NUMBERS = ("value", "initial", "standard_error", "resolution", "systematic_error
 def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
     """Everything in a fit but its pictures, as plain values: what is infinite or not a number is None."""
     # Ending and numbers first, then what they rest on, at last what would make them again.
-    sure, pictures, given = result.uncertainty, result.pictures, result.given
-    summary = {
+    sure, pictures, given, check = result.uncertainty, result.pictures, result.given, result.check
+    summary: dict[str, Any] = {
         "status": result.status,
         "message": result.message,
         "advice": result.advice,
@@ -93,12 +123,9 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
         "at_bound": dict(result.ending.at_bound),
         "rests_on": result.rests_on,
         "depends_on": {name: found._asdict() for name, found in result.depends_on.items()},
-        "sensitivity": {
-            assumption.name: dict(zip(result.names, assumption.sensitivity.tolist(), strict=True))
-            for assumption in result.check.assumptions
-        },
-        "uncertain": {a.name: a.uncertainty for a in result.check.assumptions if a.uncertainty},
-        "causes": [cause._asdict() | {"words": cause.words} for cause in result.check.causes],
+        "sensitivity": {a.name: dict(zip(result.names, a.sensitivity, strict=True)) for a in check.assumptions},
+        "uncertain": {a.name: a.uncertainty for a in check.assumptions if a.uncertainty},
+        "causes": [cause._asdict() | {"words": cause.words} for cause in check.causes],
         "correlation": {"names": result.names, "matrix": sure.correlation},
         **{n: getattr(sure, n) for n in ("sigma", "sigma_given", "reduced_chi_square", "condition_number", "weakest")},
         **{n: getattr(pictures, n) for n in ("rms_residual", "typical_residual", "left_out")},
@@ -119,22 +146,20 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
 
 
 def provenance_of(result: FitResult) -> dict[str, Any]:
-    """A fit's origin as far as it is known, with the target's width and height and the seconds of each stage."""
-    height, width = result.pictures.weights.shape
-    known = {name: text for name, text in result.provenance.items() if name != AFTER}
-    return known | {"target_size": [width, height], "stages": stage_seconds(result)}
+    """A fit's origin as far as it is known, with the target's width and height and the seconds of each stage.
 
-
-def stage_seconds(result: FitResult) -> dict[str, float]:
-    """The seconds of each stage by its name: up to the first step, each level's, and after the last if it was timed."""
-    labels = level_labels(result.history.steps)
-    spent, before = {}, 0.0
+    The stages are up to the first step, each level, and judging, after the last step, if it was timed.
+    """
+    labels, (height, width) = level_labels(result.history.steps), result.pictures.weights.shape
+    stages, before = {}, 0.0
     for step in sorted(result.history.steps, key=lambda step: step.seconds):
-        stage = labels[step.level] if spent else "up to the first step"
-        spent[stage] = spent.get(stage, 0.0) + step.seconds - before
+        stage = labels[step.level] if stages else "up to the first step"
+        stages[stage] = stages.get(stage, 0.0) + step.seconds - before
         before = step.seconds
-    after = result.provenance.get(AFTER)
-    return {stage: round(seconds, 3) for stage, seconds in spent.items()} | ({"judging": float(after)} if after else {})
+    known: dict[str, Any] = dict(result.provenance)
+    after, stages = known.pop(AFTER, None), {stage: round(seconds, 3) for stage, seconds in stages.items()}
+    judging = {"judging": float(after)} if after else {}
+    return known | {"target_size": [width, height], "stages": stages | judging}
 
 
 def used_settings(settings: ResolvedSettings) -> dict[str, object]:
@@ -150,12 +175,10 @@ def versions() -> dict[str, str]:
     return {"raytrace_jax": __version__, **libraries, "python": platform.python_version()}
 
 
-_SPECIAL = {
-    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-}
+_TEX = str.maketrans(
+    {sign: f"\\{sign}" for sign in "&%$#_{}"}
+    | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+)
 
 
 def csv_table(result: FitResult, long: bool = False) -> str:
@@ -182,14 +205,11 @@ def tex_table(result: FitResult, long: bool = False) -> str:
         r"\midrule",
     ]
     for row in result.rows:
+        label, unit = (text.translate(_TEX) for text in (row.label, row.unit))
         errors = (value_and_error(0.0, error)[1] for error in (row.standard_error, row.total_error))
-        cells = [rf"\texttt{{{_escaped(row.label)}}}", *map(_number, (row.text(long), *errors)), _escaped(row.unit)]
-        lines.append(rf"{' & '.join(cells)} \\")
+        numbers = " & ".join(map(_number, (row.text(long), *errors)))
+        lines.append(rf"\texttt{{{label}}} & {numbers} & {unit} \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
-
-
-def _escaped(text: str) -> str:
-    return re.sub(".", lambda sign: _SPECIAL.get(sign[0], sign[0]), text, flags=re.DOTALL)
 
 
 def _number(text: str) -> str:

@@ -32,27 +32,17 @@ def make_figure(title: str, rows: int, columns: int, size: tuple[float, float]) 
     return figure, axes
 
 
-def label(ax: Axes, title: str, x: str, y: str) -> None:
-    """Title and axis labels of a panel, and a faint grid."""
-    ax.set_title(title, fontsize=11)
+def finish(ax: Axes, heading: str, x: str, y: str, **legend) -> None:
+    """Title, labels, a faint grid and the legend of a panel whose curves are drawn."""
+    ax.set_title(heading, fontsize=11)
     ax.set(xlabel=x, ylabel=y)
     ax.grid(alpha=0.25)
-
-
-def legend(ax: Axes, title: str = "", **options) -> None:
-    """The legend of a panel."""
-    ax.legend(title=title or None, fontsize=8.5, title_fontsize=9, framealpha=0.9, **options)
+    ax.legend(fontsize=8.5, title_fontsize=9, framealpha=0.9, **legend)
 
 
 def derivative(function: Callable, x: np.ndarray) -> np.ndarray:
     """The derivative of an elementwise function at each of many places, by automatic differentiation."""
     return np.asarray(jax.jvp(function, (jnp.asarray(x),), (jnp.ones_like(x),))[1])
-
-
-SNELL = """Snell's law bends a ray towards the normal where it enters the denser medium; more for a larger index, and
-more at a larger angle of incidence. A fit of the index uses the derivative of the angle by the index: it is zero at
-normal incidence and largest at grazing incidence. On the way out (red, dashed) the ray bends away from the normal, and
-towards the critical angle the derivative grows without limit. Lines are automatic derivatives, dots the closed form."""
 
 
 def draw_snell() -> Figure:
@@ -80,23 +70,12 @@ def draw_snell() -> Figure:
     by_angle.set_ylim(-50, 120)
     by_index.set_ylim(-150, 5)
     incidence, change = "angle of incidence [degrees]", r"d$\theta_t$/dn [degrees per unit of index]"
-    label(angle, "refraction against incidence", incidence, "angle of refraction [degrees]")
-    label(by_angle, "its derivative by the index", incidence, change)
-    label(index, "refraction against the index", "index of refraction n", "angle of refraction [degrees]")
-    label(by_index, "its derivative by the index", "index of refraction n", change)
-    for ax in (angle, by_angle):
-        legend(ax, "into glass, and out of it")
-    for ax in (index, by_index):
-        legend(ax, "angle of incidence")
+    ways, refraction = {"title": "into glass, and out of it"}, "angle of refraction [degrees]"
+    finish(angle, "refraction against incidence", incidence, refraction, **ways)
+    finish(by_angle, "its derivative by the index", incidence, change, **ways)
+    finish(index, "refraction against the index", "index of refraction n", refraction, title="angle of incidence")
+    finish(by_index, "its derivative by the index", "index of refraction n", change, title="angle of incidence")
     return figure
-
-
-FRESNEL = """\
-Fresnel's equations say how much a surface reflects; Schlick's approximation replaces them by a fifth power.
-As values the two agree to a few hundredths. Their derivatives by the index agree at normal incidence only: towards
-grazing angles Fresnel's rises before it falls, Schlick's just falls. A fit that renders with one and is shown a
-picture of the other therefore reads a slightly wrong index. On the way out both reach 1 at the critical angle, with a
-slope that grows without limit; Schlick's does so because its cosine is that of the transmitted ray."""
 
 
 def draw_fresnel() -> Figure:
@@ -122,8 +101,8 @@ def draw_fresnel() -> Figure:
         for function, color, name in ((fresnel, BLUE, "Fresnel, unpolarised"), (schlick, RED, "Schlick")):
             value.plot(degrees, np.asarray(function(theta, n)), color=color, label=name)
             slope.plot(degrees, derivative(lambda n, f=function, t=theta: f(t, n), n), color=color, label=name)
-        label(value, f"reflectance {where}", "angle of incidence [degrees]", "reflected share of the light")
-        label(slope, f"its derivative, {where}", "angle of incidence [degrees]", "dR/dn [per unit of index]")
+        finish(value, f"reflectance {where}", "angle of incidence [degrees]", "reflected share of the light")
+        finish(slope, f"its derivative, {where}", "angle of incidence [degrees]", "dR/dn [per unit of index]")
         if row == 1:
             slope.set_ylim(-0.2, 6)
             for ax in (value, slope):
@@ -132,16 +111,8 @@ def draw_fresnel() -> Figure:
                 ax.axvspan(critical, 60, color="0.94", zorder=0)
                 ax.text(48.5, 0.5, "total internal\nreflection", fontsize=9, color="0.35", ha="center", va="center",
                         transform=ax.get_xaxis_transform())  # fmt: skip
-        legend(value)
-        legend(slope)
     return figure
 
-
-CRITICAL = """\
-From inside, light leaves a medium only at angles below the critical one, arcsin(1/n). It falls steeply just
-above n = 1 and slowly for dense media, and so does the ring of total reflection that it draws into a picture: where
-that ring lies says more about a small index than about a large one. Lines are automatic derivatives, dots the closed
-form."""
 
 MEDIA = {"water": 1.333, "glass": 1.5, "sapphire": 1.77, "diamond": 2.417}
 
@@ -171,18 +142,10 @@ def draw_critical() -> Figure:
     slope.set_ylim(-250, 0)
     for ax in (angle, slope):
         ax.set_xlim(0.95, 2.9)
-    label(angle, "angle", "index of refraction n", "critical angle [degrees]")
-    label(slope, "its derivative by the index", "index of refraction n", r"d$\theta_c$/dn [degrees per unit of index]")
-    legend(angle)
-    legend(slope, loc="lower right")
+    change = r"d$\theta_c$/dn [degrees per unit of index]"
+    finish(angle, "angle", "index of refraction n", "critical angle [degrees]")
+    finish(slope, "its derivative by the index", "index of refraction n", change, loc="lower right")
     return figure
-
-
-BALL = """Left: parallel rays through a glass ball. Those near the axis meet at the focal length of a ball lens, those
-farther out before it; that is why the picture within the ball is upside down and its rim is crowded. Middle: the angle
-by which a ray has turned when it leaves a drop of water, straight through or after one or two reflections inside.
-Where this angle is least, many rays leave together: these are the two rainbows. Right: the derivative of the angle
-by the index, zero in the middle of the ball and largest at its rim."""
 
 
 def draw_ball() -> Figure:
@@ -206,10 +169,10 @@ def draw_ball() -> Figure:
             place, words = (float(np.sin(at)), degrees), f"rainbow: least, {degrees:.1f}°"
             turn.annotate(words, place, xytext=(-6, -14), textcoords="offset points", ha="right", fontsize=9)
     turn.set_ylim(0, 370)
-    label(turn, f"deviation by a drop of water, n = {water:g}", "distance from the axis [radii]", "deviation [degrees]")
-    label(slope, "its derivative by the index", "distance from the axis [radii]", "dD/dn [degrees per unit of index]")
-    legend(turn, loc="upper right")
-    legend(slope, loc="upper left")
+    title, distance_words = f"deviation by a drop of water, n = {water:g}", "distance from the axis [radii]"
+    finish(turn, title, distance_words, "deviation [degrees]", loc="upper right")
+    change = "dD/dn [degrees per unit of index]"
+    finish(slope, "its derivative by the index", distance_words, change, loc="upper left")
     return figure
 
 
@@ -231,17 +194,9 @@ def _draw_rays(ax: Axes) -> None:
     line = {"arrowstyle": "-", "color": GREY}
     ax.annotate(words, (effective, 0), xytext=(-1.75, -1.85), fontsize=9, arrowprops=line)
     ax.set(xlim=(-1.9, 2.8), ylim=(-2, 2), aspect="equal")
-    label(ax, f"parallel light through a glass ball, n = {INDEX:g}", "along the axis [radii]", "from the axis [radii]")
-    legend(ax, loc="upper left")
+    title = f"parallel light through a glass ball, n = {INDEX:g}"
+    finish(ax, title, "along the axis [radii]", "from the axis [radii]", loc="upper left")
 
-
-TOTAL_REFLECTION = """\
-The cosine of the refracted ray is a square root, and beyond the critical angle its argument is negative.
-Taken as it stands (left) value and derivative are NaN there, and one such ray makes the gradient of a whole picture
-NaN. Replacing the result by 0 (middle) mends the value, and the derivative in forward mode, which selects a branch as
-the value does. Reverse mode goes through both branches: it multiplies the one that was not taken by zero, and zero
-times NaN is NaN. Guarding the *argument* (right) leaves all of it finite. This is how the tracer does it. The
-derivative still grows without limit as the critical angle comes near: that is physics."""
 
 SQUARE_ROOTS: tuple[tuple[str, str, Callable], ...] = (
     ("plain", "sqrt(x)", jnp.sqrt),
@@ -284,8 +239,8 @@ def draw_total_reflection() -> Figure:
                 box = {"facecolor": "white", "edgecolor": "none"}
                 place = (bad.min() + bad.max()) / 2, 0.55
                 ax.text(*place, "NaN", transform=ax.get_xaxis_transform(), bbox=box, **words)
-            label(ax, f"{name}\n{formula}" if row == 0 else "", "angle of incidence [degrees]", unit)
             ax.set_ylim(*limits)
             ax.axvline(critical, color="0.6", linewidth=0.8, label=f"critical angle, {critical:.1f}°")
-            legend(ax, loc="lower left")
+            title = f"{name}\n{formula}" if row == 0 else ""
+            finish(ax, title, "angle of incidence [degrees]", unit, loc="lower left")
     return figure
