@@ -126,9 +126,9 @@ def run(number: int, case: str, folder: Path) -> dict:
         middle = np.zeros((1, 2))
         field.white = float((find_light(image, located).at(middle) / field.at(middle)).mean()) * white
         find_light = lambda *_: field  # noqa: E731
-    how = flattened.FlattenOptions(disagrees=np.inf) if case in ("mask", "all") else flattened.FlattenOptions()
+    how = {"disagrees": np.inf} if case in ("mask", "all") else {}
     with mock.patch.object(flattened, "find_light", find_light):
-        flat = flattened.flatten(image, located, how)
+        flat = flattened.flatten(image, located, **how)
     if case in ("mask", "all"):
         hides = flat.grid.parts(made["holder"]).max(axis=(0, 3)) > 0.01
         counts = flat.counts & ~np.asarray(ndimage.binary_dilation(hides, iterations=2), bool)

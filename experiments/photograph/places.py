@@ -22,9 +22,9 @@ jax.config.update("jax_enable_x64", True)
 
 from raytrace_jax import enable_compile_cache  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
-from raytrace_jax.photo.bundle import AdjustmentOptions, linearized, padded  # noqa: E402
+from raytrace_jax.photo.bundle import CORNER_FLOOR, linearized, padded  # noqa: E402
 from raytrace_jax.photo.geometry import AT, COUNT, Setup  # noqa: E402
-from raytrace_jax.photo.locate import LocateOptions  # noqa: E402
+from raytrace_jax.photo.locate import LEAST_SQUARE  # noqa: E402
 from raytrace_jax.photo.photograph import Corners  # noqa: E402
 from raytrace_jax.photo.sight import Sight  # noqa: E402
 
@@ -65,13 +65,13 @@ def information(setup: Setup, board) -> tuple[np.ndarray, int]:
     beside &= np.all((pixels > 20) & (pixels < np.array(SIZE) - 20), axis=1)
 
     at, stretch, visible = sight.where_through(board.places, np.full(2, np.inf))
-    visible &= stretch * board.square > LocateOptions().least_square
+    visible &= stretch * board.square > LEAST_SQUARE
     groups = [(pixels[beside], board.corners[beside]), (at[visible], board.places[visible])]
     corners = [Corners(*group, np.zeros(len(group[0]))) for group in groups]
     _, slopes = linearized(setup.vector, np.asarray(SIZE, float), *map(padded, corners))
     whole = np.zeros((COUNT, COUNT))
     for slope, group in zip(slopes, corners, strict=True):
-        rows = np.asarray(slope)[: len(group.pixels)].reshape(-1, COUNT) / AdjustmentOptions().corner_floor
+        rows = np.asarray(slope)[: len(group.pixels)].reshape(-1, COUNT) / CORNER_FLOOR
         whole += rows.T @ rows
     own = np.linalg.solve(whole[np.ix_(OWN, OWN)], whole[np.ix_(OWN, COMMON)])
     return whole[np.ix_(COMMON, COMMON)] - whole[np.ix_(COMMON, OWN)] @ own, int(visible.sum())

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -40,37 +41,25 @@ class Texture(NamedTuple):
         return tuple(map(float, colors.mean(axis=1)))
 
     def block(self, name: str) -> Description:
-        """The block of that name."""
         if self.texels is not None:
             return build.texture(name, kind="image", file=self.texels, filter=self.filter, wrap=self.wrap)
         first, second = self.colors
         return build.texture(name, kind="checker", color1=first, color2=second, square=self.square, offset=self.offset)
 
     def is_like(self, other: "Texture | None") -> bool:
-        """Whether another one shows the same."""
-        if other is None or (self.texels is None) != (other.texels is None):
-            return False
-        same = self._replace(name="", texels=None) == other._replace(name="", texels=None)
-        return same and (self.texels is None or np.array_equal(self.texels, np.asarray(other.texels)))
+        """Whether another one shows the same, whatever it is called."""
+        return other is not None and bool(eqx.tree_equal(self._replace(name=""), other._replace(name="")))
 
 
 Vector = Float[np.ndarray, "3"]
 BLACK = (0.0, 0.0, 0.0)
 
 
-class Said(NamedTuple):
-    """What a perspective camera's block says: where it looks, what is upright, and the horizontal angle in degrees."""
-
-    lookat: Vector
-    up: Vector
-    fov: float
-
-
 class PinholeView(NamedTuple):
     """The rays of a picture: pixel `(column, row)` looks from `eye` along a direction that is linear in both.
 
-    `said` is the perspective camera that was given; None where it was another one, or where its angle is not that of
-    all pixels, for the first and the last one look along the picture's borders.
+    `given` is the perspective camera of the scene; None where it has another one, or where its angle is not that of all
+    pixels, for the first and the last one look along the picture's borders.
     """
 
     name: str
@@ -79,7 +68,7 @@ class PinholeView(NamedTuple):
     middle: Vector  # The direction, of any length, of the picture's middle.
     across: Vector  # How the direction changes over the whole width, from left to right.
     upwards: Vector  # How it changes over the whole height, from the bottom to the top.
-    said: Said | None
+    given: PerspectiveCamera | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +88,6 @@ class Material:
 
     @property
     def is_glass(self) -> bool:
-        """Whether light goes through."""
         return self.transmission > 0
 
     def is_like(self, other: "Material") -> bool:
@@ -137,14 +125,6 @@ class Shape(NamedTuple):
         return right, np.cross(n, right)
 
 
-class Light(NamedTuple):
-    """A point light: where it is, and its radiant intensity."""
-
-    name: str
-    location: Vector
-    intensity: Vector
-
-
 class Described(NamedTuple):
     """A scene; its lights and shapes are in the order of the file."""
 
@@ -152,7 +132,7 @@ class Described(NamedTuple):
     radiance: Vector
     background: str  # Its name; empty where there is none.
     sky: Texture | None  # The picture all around that `radiance`, the background's, scales.
-    lights: tuple[Light, ...]
+    lights: tuple[tuple[str, Vector, Vector], ...]  # The name, place and radiant intensity of each point light.
     shapes: tuple[Shape, ...]
     settings: ResolvedSettings
     lost: tuple[str, ...]  # What neither of the other programs can be told, a few words each.
@@ -197,7 +177,7 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
         radiance=_vector(background.radiance) if background else np.zeros(3),
         background=background.name if background else "",
         sky=_texture(scene, sky) if sky else None,
-        lights=tuple(map(Light, lights.names, _vector(lights.location).T, _vector(lights.emissivity).T)),
+        lights=tuple(zip(lights.names, _vector(lights.location).T, _vector(lights.emissivity).T, strict=True)),
         shapes=shapes,
         settings=settings,
         lost=tuple(dict.fromkeys(lost)),
@@ -206,10 +186,10 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
 
 def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> PinholeView:
     camera = scene.camera
-    said = None
+    given = None
     if isinstance(camera, PerspectiveCamera):
         if settings.mapping != "corner":
-            said = Said(_vector(camera.lookat), _vector(camera.up), float(camera.fov))
+            given = camera
         if np.any(np.asarray(camera.distortion)):
             lost.append(f"{camera.name}.distortion: the lens is taken to be without")
             camera = dataclasses.replace(camera, distortion=jnp.zeros_like(camera.distortion))
@@ -219,7 +199,7 @@ def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> PinholeV
     width, height = settings.picture_size(camera.pixeldim)
     step = pixel_step(camera, settings)
     across, upwards = (right - left) * step[0] * width, (top - bottom) * -step[1] * height
-    return PinholeView(camera.name, (width, height), _vector(eye[:, 0]), middle, across, upwards, said)
+    return PinholeView(camera.name, (width, height), _vector(eye[:, 0]), middle, across, upwards, given)
 
 
 def _numbers(scene: Scene, block: Block) -> dict[str, np.ndarray]:
@@ -237,11 +217,10 @@ def _material(scene: Scene, block: Block, lost: list[str]) -> Material:
     if 0 < numbers["transmission"] < 1 or (numbers["transmission"] and np.any(numbers["emission"])):
         lost.append(f"{block.name}: glass that is something else as well; it is written as clear glass")
     texture = block.refers_to(scene, "texture")
-    diffuse, emission, absorption = (numbers[name] for name in ("diffuse", "emission", "absorption"))
+    colors = [numbers[name] for name in ("diffuse", "emission", "absorption")]
     reflectivity, transmission = (float(numbers[name]) for name in ("reflectivity", "transmission"))
     shown = _texture(scene, texture) if texture else None
-    glass = {"ior": float(ior), "reflectivity": reflectivity, "transmission": transmission}
-    return Material(block.name, diffuse, emission, absorption, texture=shown, **glass)
+    return Material(block.name, *colors, float(ior), reflectivity, transmission, shown)
 
 
 def _texture(scene: Scene, block: Block) -> Texture:
@@ -249,9 +228,8 @@ def _texture(scene: Scene, block: Block) -> Texture:
         names = ("color1", "color2", "square", "offset")
         first, second, square, offset = (_vector(block.read(scene, name)).tolist() for name in names)
         return Texture(block.name, colors=(tuple(first), tuple(second)), square=square, offset=tuple(offset))
-    texels = np.asarray(scene.images.texels[block.column or 0], np.float64)
-    smooth, wrap = block.read(scene, "filter"), block.read(scene, "wrap")
-    return Texture(block.name, texels=texels, filter=smooth, wrap=wrap)
+    texels = _vector(scene.images.texels[block.column or 0])
+    return Texture(block.name, texels=texels, filter=block.read(scene, "filter"), wrap=block.read(scene, "wrap"))
 
 
 def _vector(values: object) -> np.ndarray:

@@ -1,7 +1,4 @@
-"""A scene in the language of POV-Ray 3.7.
-
-Its lines, without antialiasing, are one ray at each pixel's centre; n times as large, and averaged, n x n samples.
-"""
+"""A scene in the language of POV-Ray 3.7."""
 
 from pathlib import Path
 
@@ -21,7 +18,6 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
     stem, settings, (width, height) = Path(name).stem, scene.settings, scene.view.size
     # POV-Ray's light falls off as 2 / (1 + (d / fade)^2): an inverse square far beyond a tiny fade distance.
     fade = 1e-3
-    lights = [(light.location, light.intensity / (2 * np.pi * fade**2)) for light in scene.lights]
     body = [
         "#version 3.7;",
         f"global_settings {{ assumed_gamma 1 ambient_light 0 max_trace_level {settings.max_bounces + 1} "
@@ -30,8 +26,9 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
         f"camera {{ perspective location {pov_vector(scene.view.eye)} direction {pov_vector(scene.view.middle)} "
         f"right {pov_vector(scene.view.across)} up {pov_vector(scene.view.upwards)} }}",
         *(
-            f"light_source {{ {pov_vector(place)} rgb {pov_vector(colour)} fade_distance {fade} fade_power 2 }}"
-            for place, colour in lights
+            f"light_source {{ {pov_vector(location)} rgb {pov_vector(intensity / (2 * np.pi * fade**2))} "
+            f"fade_distance {fade} fade_power 2 }}"
+            for _, location, intensity in scene.lights
         ),
         *(_shape(shape, stem, files) for shape in scene.shapes),
     ]
@@ -50,10 +47,6 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
     return "\n".join([*head, *body]) + "\n", files, lost
 
 
-BORDERED = ("bilinear", "clamp")
-"""Filter and wrap of pictures whose border, half a texel wide, POV-Ray sees otherwise."""
-
-
 def _lost(scene: Described) -> list[str]:
     """What POV-Ray does otherwise."""
     lost, balls, planes = [], scene.glass("sphere"), scene.glass("plane")
@@ -62,8 +55,9 @@ def _lost(scene: Described) -> list[str]:
             lost.append(f"{material.name}.absorption: POV-Ray attenuates the first stretch of a path in glass only")
         elif not material.is_glass and np.any(material.diffuse) and np.any(material.emission):
             lost.append(f"{material.name}: a matt surface that shines as well; its emission is left out")
+        # The border is half a texel wide.
         texture = material.texture
-        if texture is not None and texture.texels is not None and (texture.filter, texture.wrap) == BORDERED:
+        if texture and texture.texels is not None and (texture.filter, texture.wrap) == ("bilinear", "clamp"):
             lost.append(f"{material.name}: POV-Ray mixes the border of its picture with the other side's")
     if len(balls) + len(planes) > 1 and (planes or any(touch(a, b) for k, a in enumerate(balls) for b in balls[:k])):
         lost.append("glass within glass: POV-Ray takes other media for some of the rays")
@@ -76,11 +70,8 @@ def _background(scene: Described, stem: str, files: Files) -> str:
     assert scene.sky.texels is not None
     name = f"{stem}.{scene.sky.name}.exr"
     files[name] = scene.sky.texels * scene.radiance[:, None, None]
-    return f'sky_sphere {{ pigment {{ image_map {{ exr "{name}" map_type 1 interpolate 2 }} {SKY_TURN} }} }}'
-
-
-SKY_TURN = "rotate -90 * y"
-"""POV-Ray's map begins at +x, ours at +z; found by its pictures of skies whose texels are their own coordinates."""
+    # POV-Ray's map begins at +x, ours at +z; found by its pictures of skies whose texels are their own coordinates.
+    return f'sky_sphere {{ pigment {{ image_map {{ exr "{name}" map_type 1 interpolate 2 }} rotate -90 * y }} }}'
 
 
 def _shape(shape: Shape, stem: str, files: Files) -> str:
@@ -93,9 +84,9 @@ def _shape(shape: Shape, stem: str, files: Files) -> str:
         n = np.cross(right, up)
         halves, origin, body = np.ones(2), numbers["point"], "plane { z, 0"
     else:
-        halves = np.array([np.linalg.norm(numbers["right"]), np.linalg.norm(numbers["up"])])
-        right, n = unit(numbers["right"]), unit(np.cross(numbers["right"], numbers["up"]))
-        a, b = map(float, halves)
+        normal = np.cross(numbers["right"], numbers["up"])
+        a, b = (float(np.linalg.norm(numbers[side])) for side in ("right", "up"))
+        halves, right, n = np.array([a, b]), numbers["right"] / a, normal / np.linalg.norm(normal)
         corners = ", ".join(pov_vector(corner) for corner in ((-a, -b), (a, -b), (a, b), (-a, b), (-a, -b)))
         origin, body = numbers["center"], f"polygon {{ 5, {corners}"
     frame = ", ".join(pov_vector(row)[1:-1] for row in (right, np.cross(n, right), n, origin))
@@ -132,10 +123,4 @@ def _texture(texture: Texture, colours: np.ndarray, name: str, files: Files, hal
 
 
 def pov_vector(values: object) -> str:
-    """Numbers as POV-Ray's vector."""
     return "<" + ", ".join(repr(float(value)) for value in np.asarray(values, np.float64)) + ">"
-
-
-def unit(v: np.ndarray) -> np.ndarray:
-    """A vector of length one."""
-    return v / np.linalg.norm(v)

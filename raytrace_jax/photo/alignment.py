@@ -7,7 +7,6 @@ ball's rim move anything: a slope of the contrast looks like a shift.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,35 +15,8 @@ from scipy.ndimage import gaussian_filter, minimum_filter
 from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.photograph import RAYS, Corners, offsets
 
-
-@dataclass(frozen=True)
-class AlignmentOptions:
-    """Options of the alignment of patches.
-
-    Args:
-        blurs: standard deviations of the camera's blur in pixels that are tried; the best one is taken.
-        half: half a patch's side, in pixels.
-        within: only what is nearer to a patch's corner than this fraction of a square counts; the rest belongs to the
-            next one.
-        least_pixels: the fewest pixels that are compared.
-        least_contrast: the least contrast, as a fraction of the median patch's; dark glass or a highlight has less.
-        largest_spread: a corner that its patch places worse than to so many pixels does not count.
-        correlated: what a patch does not explain is alike in neighbouring pixels, so that corners scatter by so many
-            times the spread that independent pixels would tell: 1.5 to 2.2 times in rooms by POV-Ray, in the middle of
-            a ball as near its rim.
-    """
-
-    blurs: tuple[float, ...] = (0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0, 2.6)
-    half: int = 13
-    within: float = 0.45
-    least_pixels: int = 40
-    least_contrast: float = 0.15
-    largest_spread: float = 0.3
-    correlated: float = 2.0
-
-
-MARGIN = 6
-"""The pixels around a patch that its blur looks at."""
+HALF, MARGIN = 13, 6
+"""Half a patch's side, and how far beyond it its blur looks, in pixels."""
 
 See = Callable[[Float[np.ndarray, "n 2"]], tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]]
 """The place of the board that each pixel sees, and whether it sees one that counts."""
@@ -58,7 +30,6 @@ def align(
     see: See,
     blur: float,
     rounds: int = 2,
-    options: AlignmentOptions = AlignmentOptions(),
 ) -> Corners:
     """Shift each patch of the board until it lies on the photograph.
 
@@ -72,22 +43,22 @@ def align(
     Returns:
         The corners that count, where their patches came to lie, with the scatter that the patches' residuals tell.
     """
-    box, fits = _boxes(light, expected, options.half)
+    box, fits = _boxes(light, expected)
     shift, spread, contrast = np.zeros_like(expected), np.full(len(expected), np.inf), np.zeros(len(expected))
     if not fits.any():
         return Corners.none()
     where = np.flatnonzero(fits)
     seen = light[box[..., 1], box[..., 0]]
     for _ in range(rounds):
-        sharp, counts = _drawn(box - shift[where][:, None, None], board, corners[where], see, options.within)
+        sharp, counts = _drawn(box - shift[where][:, None, None], board, corners[where], see)
         for k, (picture, drawn, use) in enumerate(zip(seen, _blurred(sharp, blur), counts, strict=True)):
-            found = _shift(picture, drawn, use, options)
+            found = _shift(picture, drawn, use)
             if found is not None:
                 step, spread[where[k]], contrast[where[k]] = found
                 shift[where[k]] += np.clip(step, -2, 2)
+    # Dark glass or a highlight has less contrast than the median patch; 0.3 pixels are too many to place a corner by.
     usual = np.median(contrast[contrast > 0]) if (contrast > 0).any() else np.inf
-    good = (spread < options.largest_spread) & (contrast > options.least_contrast * usual)
-    good &= np.max(np.abs(shift), axis=1) < options.half / 2
+    good = (spread < 0.3) & (contrast > 0.15 * usual) & (np.max(np.abs(shift), axis=1) < HALF / 2)
     return Corners(expected + shift, corners, spread).where(good)
 
 
@@ -97,27 +68,26 @@ def best_blur(
     corners: Float[np.ndarray, "n 2"],
     expected: Float[np.ndarray, "n 2"],
     see: See,
-    options: AlignmentOptions = AlignmentOptions(),
 ) -> float:
-    """The blur of the options with which patches lie on the photograph best, in pixels; the rest is as for `align`."""
-    box, fits = _boxes(light, expected, options.half)
+    """The camera's blur with which patches lie on the photograph best, in pixels; arguments are those of `align`."""
+    box, fits = _boxes(light, expected)
     if not fits.any():
-        return options.blurs[len(options.blurs) // 2]
+        return 1.0
     seen = light[box[..., 1], box[..., 0]]
-    sharp, counts = _drawn(box, board, corners[fits], see, options.within)
+    sharp, counts = _drawn(box, board, corners[fits], see)
 
     def misfit(blur: float) -> float:
         rows = zip(seen, _blurred(sharp, blur), counts, strict=True)
-        found = [one[1] for one in (_shift(*row, options) for row in rows) if one is not None]
+        found = [one[1] for one in (_shift(*row) for row in rows) if one is not None]
         return float(np.median(found)) if found else np.inf
 
-    return min(options.blurs, key=misfit)
+    return min((0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0, 2.6), key=misfit)
 
 
-def _boxes(light, expected, half: int):
+def _boxes(light, expected):
     """The pixels of patches around places, with a margin, "patch row column 2", and which places have room for one."""
     height, width = light.shape
-    reach = half + MARGIN
+    reach = HALF + MARGIN
     axis = np.arange(-reach, reach + 1)
     start = np.round(expected).astype(int)
     fits = ((start >= reach) & (start < np.array([width, height]) - reach)).all(axis=1)
@@ -129,7 +99,7 @@ def _blurred(patches, blur: float):
     return gaussian_filter(patches, blur, axes=(1, 2), mode="nearest", truncate=3.0)
 
 
-def _drawn(pixels, board: CharucoBoard, corners, see: See, within: float):
+def _drawn(pixels, board: CharucoBoard, corners, see: See):
     """The board's brightness in patches of pixels, and which of them show what is near their corner."""
     place, valid = see(pixels.reshape(-1, 2).astype(float))
     place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
@@ -150,19 +120,19 @@ def _drawn(pixels, board: CharucoBoard, corners, see: See, within: float):
         known = valid & np.isfinite(brightness)
         total += np.where(known, brightness, 0.0)
         count += known
-        near = near & known & np.all(np.abs(here - corners[:, None, None]) < within * board.square, axis=-1)
-    drawn = total / np.maximum(count, 1)
-    edge = MARGIN
-    near[:, :edge], near[:, -edge:], near[:, :, :edge], near[:, :, -edge:] = False, False, False, False
-    return drawn, near
+        # What is farther away than this share of a square belongs to the next corner.
+        near = near & known & np.all(np.abs(here - corners[:, None, None]) < 0.45 * board.square, axis=-1)
+    inner = np.zeros_like(near)
+    inner[:, MARGIN:-MARGIN, MARGIN:-MARGIN] = True
+    return total / np.maximum(count, 1), near & inner
 
 
-def _shift(picture, drawn, use, options: AlignmentOptions) -> tuple[Float[np.ndarray, "2"], float, float] | None:
+def _shift(picture, drawn, use) -> tuple[Float[np.ndarray, "2"], float, float] | None:
     """The step by which a drawn patch has to move, its standard deviation, and the patch's contrast."""
-    if np.sum(use) < options.least_pixels:
+    if np.sum(use) < 40:
         return None
     down, right = np.gradient(drawn)
-    row, column = (place[use] / options.half - 1 for place in np.indices(drawn.shape))
+    row, column = (place[use] / HALF - 1 for place in np.indices(drawn.shape))
     b = drawn[use]
     columns = np.stack([np.ones_like(b), b, right[use], down[use], column, row, column * b, row * b], axis=1)
     normal = columns.T @ columns
@@ -175,4 +145,6 @@ def _shift(picture, drawn, use, options: AlignmentOptions) -> tuple[Float[np.nda
         return None
     rest = values - columns @ found
     variance = rest @ rest / max(len(values) - len(found), 1) * np.linalg.inv(normal)[2:4, 2:4] / contrast**2
-    return -found[2:4] / contrast, options.correlated * float(np.sqrt(np.max(np.diagonal(variance)))), float(contrast)
+    # What a patch does not explain is alike in neighbouring pixels, so that corners scatter by about twice the spread
+    # that independent pixels would tell: 1.5 to 2.2 times in rooms by POV-Ray, in the middle of a ball as at its rim.
+    return -found[2:4] / contrast, 2.0 * float(np.sqrt(np.max(np.diagonal(variance)))), float(contrast)

@@ -56,7 +56,6 @@ class Pattern:
 
     @property
     def marker(self) -> float:
-        """The side of a marker in millimetres."""
         return self.square * self.marker_share
 
     @property

@@ -13,20 +13,14 @@ from jaxtyping import Float, Int, UInt8
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.scene.reader import parse_scene
-from raytrace_jax.scene.scene import Scene
 from raytrace_jax.util.files import read_bytes
 from raytrace_jax.util.text import install
 
-DICTIONARIES = tuple(f"DICT_{n}X{n}_{count}" for n in (5, 4, 6, 7) for count in (1000, 250, 100, 50))
-"""Sets of markers that a board may be made of; of equal markers the largest set comes first."""
-
 LEAST_MARKERS = 6
-"""The fewest markers of a board; fewer say too little."""
+"""The fewest markers of a board."""
 
 LEAST_CORNERS = 20
 """The fewest corners of a board, and of a photograph; a camera has up to nine free numbers."""
-
-HAS_CAMERA = re.compile(r"^[^#/]*\bcamera\b", re.MULTILINE)
 
 
 def opencv(purpose: str) -> ModuleType:
@@ -99,15 +93,14 @@ def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
     path = Path(path)
     data = read_bytes(path)
     if data.startswith(b"%PDF") or b"\0" in data:
-        kind = "a PDF" if data.startswith(b"%PDF") else "no text"
-        beside = path.with_name(f"{path.stem.removesuffix('_texture')}.txt")
-        meant = beside if beside != path and beside.is_file() else "BOARD.txt"
         raise RaytraceError(
-            f"{path}: is {kind}; the text that describes a board is wanted, which `raytrace-jax board` writes beside "
-            f"it: {meant}."
+            f"{path}: is no text; the text that describes a board is wanted, which `raytrace-jax board` writes beside "
+            "it."
         )
     text = data.decode("utf-8", "replace")
-    scene = _scene_of(text, path)
+    if not re.search(r"^[^#/]*\bcamera\b", text, re.MULTILINE):  # Scenes have one, and a board's blocks have none.
+        text += "\ncamera board_camera { pixeldim 2 2 viewpoint 0 0 1 lookat 0 0 0 }"
+    scene = parse_scene(text, source=str(path), model="physical", folder=path.parent)
     if len(scene.images.texels) != 1 or scene.rectangles.center.shape[1] != 1:
         raise RaytraceError(
             f"{path}: has {len(scene.images.texels)} pictures and {scene.rectangles.center.shape[1]} rectangles; "
@@ -142,12 +135,6 @@ def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
     return CharucoBoard(path, name, half, square, ids, markers, corners, texture)
 
 
-def _scene_of(text: str, path: Path) -> Scene:
-    """The scene of a board's blocks, which have no camera of their own."""
-    looks = "" if HAS_CAMERA.search(text) else "\ncamera board_camera { pixeldim 2 2 viewpoint 0 0 1 lookat 0 0 0 }"
-    return parse_scene(text + looks, source=str(path), model="physical", folder=path.parent)
-
-
 def _markers_in(
     texture: Float[np.ndarray, "rows columns"], path: Path
 ) -> tuple[str, Int[np.ndarray, " markers"], Float[np.ndarray, "markers 4 2"]]:
@@ -155,7 +142,8 @@ def _markers_in(
     dark, light = np.percentile(texture, (5, 95))
     grey = np.round(255 * np.clip((texture - dark) / max(light - dark, 1e-9), 0, 1)).astype(np.uint8)
     best = ("", np.zeros(0, int), np.zeros((0, 4, 2)))
-    for name in DICTIONARIES:
+    # Of equal markers the largest set comes first.
+    for name in (f"DICT_{n}X{n}_{count}" for n in (5, 4, 6, 7) for count in (1000, 250, 100, 50)):
         corners, ids = decoded(grey, name)
         if len(ids) > len(best[1]):
             # OpenCV's (0, 0) is the middle of the first pixel; what it finds are the outermost dark pixels' middles.
@@ -166,23 +154,12 @@ def _markers_in(
         if len(best[1]) >= LEAST_MARKERS:
             break
     if len(best[1]) < LEAST_MARKERS:
-        counts = {name: len(decoded(grey, name)[1]) for name in every_dictionary()}
-        other = max(counts, key=lambda name: counts[name])
-        beside = f", and {counts[other]} of {other}, which is none of these" if counts[other] >= LEAST_MARKERS else ""
         raise RaytraceError(
             f"{path}: its picture shows {len(best[1])} markers of the sets that are read, DICT_4X4, DICT_5X5, "
-            f"DICT_6X6 and DICT_7X7 of 50 to 1000{beside}. A board has {LEAST_MARKERS} at least: make one with "
+            f"DICT_6X6 and DICT_7X7 of 50 to 1000. A board has {LEAST_MARKERS} at least: make one with "
             "`raytrace-jax board`."
         )
     return best
-
-
-def every_dictionary() -> list[str]:
-    """OpenCV's names of all its sets of markers, those that are read first."""
-    names = dir(opencv("a photograph of a board").aruco)
-    # DICT_APRILTAG_36H11 comes after DICT_APRILTAG_36h11, which OpenCV's documentation has.
-    others = sorted((name for name in names if name.startswith("DICT_")), reverse=True)
-    return list(dict.fromkeys([*DICTIONARIES, *others]))
 
 
 def decoded(

@@ -19,20 +19,13 @@ from raytrace_jax.util.numerics import TINY
 Numbers = Float[Array, " numbers"]
 
 
-@dataclass(frozen=True)
-class AdjustmentOptions:
-    """Options of the least squares.
+CORNER_FLOOR = 0.015
+"""Least standard deviation of a corner in pixels, beside its patch's own spread: what moves one corner, a reflection or
+the shape of the blur, moves its neighbours too. In rooms by POV-Ray .01 to .02 do the same; with .03 good corners count
+for too little, and errors are too large."""
 
-    Args:
-        robust: corners that are off by more standard deviations count less; in the last round none counts that is twice
-            as far off.
-        corner_floor: least standard deviation of a corner in pixels, beside its patch's own spread: what moves one
-            corner, a reflection or the shape of the blur, moves its neighbours too. In rooms by POV-Ray .01 to .02 do
-            the same; with .03 good corners count for too little, and errors are too large.
-    """
-
-    robust: float = 2.5
-    corner_floor: float = 0.015
+ROBUST = 2.5
+"""Corners that are off by more standard deviations count less."""
 
 
 class PhotoView(NamedTuple):
@@ -109,7 +102,6 @@ class AdjustedView:
 
     @property
     def lens(self) -> LensPrior:
-        """The camera's lens."""
         return LensPrior(self.setup.lens, self.covariance[np.ix_(AT.lens, AT.lens)])
 
     @property
@@ -122,7 +114,6 @@ class Adjusted(NamedTuple):
     """What least squares found.
 
     Args:
-        views: each view's numbers.
         joint: all numbers: those of the first view, then of each other one what is its own (`Setup.own`).
         covariance: of all these.
         known: what was known of all these before.
@@ -136,11 +127,11 @@ class Adjusted(NamedTuple):
     cost: float
 
 
-def adjust(views: Sequence[PhotoView], known: Known, options: AdjustmentOptions = AdjustmentOptions()) -> Adjusted:
+def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
     """Find the numbers at which corners miss least.
 
     Lens, index and radius are common to all views. In each what is seen directly and what through the glass has its own
-    scatter, told from the median of its misses. Corners beyond `robust` of it count as in Huber's loss (1964), in the
+    scatter, told from the median of its misses. Corners beyond `ROBUST` of it count as in Huber's loss (1964), in the
     last round those beyond twice that not at all.
 
     Args:
@@ -149,26 +140,31 @@ def adjust(views: Sequence[PhotoView], known: Known, options: AdjustmentOptions 
         known: what is known before.
     """
     system = _System(views, known)
-    believed = [np.hypot(group.spread, options.corner_floor) for group in system.groups]
+    believed = [np.hypot(group.spread, CORNER_FLOOR) for group in system.groups]
     x = np.zeros(len(system.free))
-    used, factors = [np.ones(len(sigma), bool) for sigma in believed], [1.0] * len(believed)
+    used, factors = [np.ones(len(sigma), bool) for sigma in believed], []
 
     # Scatter and weights follow from the misses at the present numbers, the numbers from these, and so on.
     for rounds_left in reversed(range(6)):
-        misses = zip(system.misses(x), believed, used, strict=True)
-        lengths = [(np.linalg.norm(value, axis=-1) / sigma, u) for (value, _), sigma, u in misses]
+        misses = zip(system.misses(x), believed, strict=True)
+        lengths = [np.linalg.norm(value, axis=-1) / sigma for (value, _), sigma in misses]
         # The median length of two normal coordinates of standard deviation 1 is sqrt(2 ln 2).
-        factors = [max(float(np.median(n[u])) / 1.1774, 1.0) if u.any() else 1.0 for n, u in lengths]
-        off = [n / factor for (n, _), factor in zip(lengths, factors, strict=True)]
-        used = [one < 2 * options.robust for one in off]
-        weights = [np.minimum(1, options.robust / np.maximum(one, TINY)) if rounds_left else u.astype(float)
-                   for one, u in zip(off, used, strict=True)]  # fmt: skip
+        counting = [n[u] for n, u in zip(lengths, used, strict=True)]
+        factors = [max(float(np.median(n)) / 1.1774, 1.0) if len(n) else 1.0 for n in counting]
+        off = [n / factor for n, factor in zip(lengths, factors, strict=True)]
+        used = [one < 2 * ROBUST for one in off]
+        weights = [u.astype(float) for u in used]
+        if rounds_left:
+            weights = [np.minimum(1, ROBUST / np.maximum(one, TINY)) for one in off]
         rows = zip(weights, factors, believed, strict=True)
         system.factors = [np.sqrt(weight) / (factor * sigma) for weight, factor, sigma in rows]
         x = least_squares(system.residual, x, jac=system.jacobian, max_nfev=60).x  # pyright: ignore[reportArgumentType]
 
-    # The last round's rows tell how sure the numbers are.
-    joint, covariance = system.joint(x), system.covariance(x)
+    # The last round's rows tell how sure the numbers are; the covariance of those that are held is 0.
+    joint, jacobian = system.joint(x), system.jacobian(x)
+    covariance = np.zeros((len(joint), len(joint)))
+    of_free = np.linalg.pinv(jacobian.T @ jacobian) * np.outer(system.scale, system.scale)
+    covariance[np.ix_(system.free, system.free)] = of_free
     sigma = [float(f * np.median(s)) if len(s) else 0.0 for f, s in zip(factors, believed, strict=True)]
     corners, found = [group.where(u) for group, u in zip(system.groups, used, strict=True)], []
     for k in range(len(views)):
@@ -235,17 +231,9 @@ class _System:
         return np.concatenate([*rows, self.known.root @ (self.joint(x) - self.known.mean)])
 
     def jacobian(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, "rows free"]:
-        """The derivative of the residual."""
         slopes = zip(self.misses(x), self.factors, strict=True)
         rows = [(slope * by[:, None, None]).reshape(-1, len(x)) for (_, slope), by in slopes]
         return np.concatenate([*rows, self.known.root[:, self.free] * self.scale])
-
-    def covariance(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, "joint joint"]:
-        """The covariance of all numbers; 0 of those that are held."""
-        jacobian, covariance = self.jacobian(x), np.zeros((len(self.start), len(self.start)))
-        of_free = np.linalg.pinv(jacobian.T @ jacobian) * np.outer(self.scale, self.scale)
-        covariance[np.ix_(self.free, self.free)] = of_free
-        return covariance
 
 
 def _scale_of(view: PhotoView, known: Known) -> Setup:

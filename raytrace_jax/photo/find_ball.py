@@ -5,7 +5,6 @@ through such a ball, looks like the photograph.
 """
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -18,36 +17,11 @@ from raytrace_jax.photo.outline import Disc, NoBall
 from raytrace_jax.photo.photograph import Photograph, PixelGrid
 from raytrace_jax.photo.sight import Sight
 
-
-@dataclass(frozen=True)
-class BallOptions:
-    """Options of the search for the ball.
-
-    Args:
-        widths: about how many pixels wide the ball is where its index is looked for. The second is taken where the
-            first shows the board in no disc surely: through a ball that stands far from a large board many small
-            squares are seen.
-        indices: the least and the largest index of the scan.
-        within: photograph and drawing are compared within this fraction of the outline's radius.
-        least_alike: the least correlation of a photograph and a drawing of the same.
-        surely_alike: the correlation from which on no other disc is tried.
-    """
-
-    widths: tuple[int, ...] = (56, 130)
-    indices: tuple[float, float] = (1.2, 2.24)
-    within: float = 0.85
-    least_alike: float = 0.35
-    surely_alike: float = 0.6
+LEAST_ALIKE, SURELY_ALIKE = 0.35, 0.6
+"""The least correlation of a photograph and a drawing of the same, and that from which on no other disc is tried."""
 
 
-def find_ball(
-    photograph: Photograph,
-    board: CharucoBoard,
-    setup: Setup,
-    blur: float,
-    discs: list[Disc],
-    options: BallOptions = BallOptions(),
-) -> Setup:
+def find_ball(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: float, discs: list[Disc]) -> Setup:
     """The set-up with a ball: in the disc, and with the index, in which it looks best.
 
     Args:
@@ -62,18 +36,19 @@ def find_ball(
     # A quick look says which are likely; the first that shows the board well is the ball.
     name, glance = photograph.name, []
     found: list[tuple[float, Disc, Setup]] = []
-    for width in options.widths:
-        trials = [_Trial(photograph, board, setup, blur, disc, width, options) for disc in discs]
+    # The ball is about so many pixels wide; through one that is far from a large board many small squares are seen.
+    for width in (56, 130):
+        trials = [_Trial(photograph, board, setup, blur, disc, width) for disc in discs]
         glance = [one.glance() for one in trials]
         for k in np.argsort(-np.array(glance)):
             alike, candidate = trials[k].best()
             found.append((alike, discs[k], candidate))
-            if alike > options.surely_alike:
+            if alike > SURELY_ALIKE:
                 break
-        if found[-1][0] > options.surely_alike:
+        if found[-1][0] > SURELY_ALIKE:
             break
     alike, first, best = max(found, key=lambda one: one[0])
-    if alike < options.least_alike:
+    if alike < LEAST_ALIKE:
         how = "shows no board" if alike == -1 else f"does not look like the board (correlation {alike:.2f})"
         raise NoBall(
             f"{name}: what is seen through the ball {how}: put the ball so that some squares are seen through it, "
@@ -81,7 +56,7 @@ def find_ball(
         )
     for disc, looks in zip(discs, glance, strict=True):
         is_beside = np.hypot(*(disc.center - first.center)) > disc.radius + first.radius
-        if is_beside and looks > options.least_alike:
+        if is_beside and looks > LEAST_ALIKE:
             raise PictureError(
                 f"{name}: the board is seen through two balls, at {first}, and at {disc}; one is wanted, or --ball "
                 "to say which."
@@ -96,23 +71,14 @@ class _Trial:
     aside and upwards; the outline tells these less well than where the ball is seen.
     """
 
-    def __init__(
-        self,
-        photograph: Photograph,
-        board: CharucoBoard,
-        setup: Setup,
-        blur: float,
-        disc: Disc,
-        width: int,
-        options: BallOptions,
-    ):
-        self.board, self.size, self.options = board, photograph.size, options
+    def __init__(self, photograph: Photograph, board: CharucoBoard, setup: Setup, blur: float, disc: Disc, width: int):
+        self.board, self.size = board, photograph.size
         sight = Sight(setup, self.size)
         self.eye, self.start = sight.viewpoint, setup._replace(center=sight.center_of(*disc))
         grid = PixelGrid.of(self.size, max(1, round(2 * disc.radius / width))).around(disc.center, disc.radius)
         self.pixels, self.smooth = grid.pixels, max(1.0, blur / grid.binning)
         self.picture = grid.parts(photograph.light[None]).mean(axis=-1)[0]
-        self.indices = np.arange(options.indices[0], options.indices[1] + 0.01, 0.02)
+        self.indices = np.arange(1.2, 2.25, 0.02)
         self.aside = np.zeros(2)
 
     def setup(self, candidate: Float[np.ndarray, "4"]) -> Setup:
@@ -124,7 +90,7 @@ class _Trial:
     def alike(self, candidate: Float[np.ndarray, "4"]) -> float:
         """Correlation of photograph and drawing, of what varies over a few pixels, within the ball; -1 without any."""
         ball = Sight(self.setup(candidate), self.size).through(self.pixels)
-        brightness, inside = self.board.brightness(ball.place), ball.reach < self.options.within
+        brightness, inside = self.board.brightness(ball.place), ball.reach < 0.85
         use = (ball.valid & inside & np.isfinite(brightness)).reshape(self.picture.shape)
         if np.sum(use) < 0.3 * np.sum(inside):
             return -1.0
@@ -149,10 +115,6 @@ class _Trial:
 
     def best(self) -> tuple[float, Setup]:
         """How alike the likest candidate is, and its set-up."""
-
-        def unlike(candidate: Float[np.ndarray, "4"]) -> float:
-            return -self.alike(candidate)
-
         # Balls farther away are tried rather than nearer ones, for an outline is some per cent too large.
         distances = np.arange(-0.03, 0.051, 0.01)
         scan = np.array([[*both, *self.aside] for both in itertools.product(self.indices, distances)])
@@ -164,10 +126,10 @@ class _Trial:
                 starts.append(scan[k])
 
         # Each valley is searched to its bottom, and the likest drawing tells the index.
-        found, steps = [], np.diag([0.02, 0.01, 0.02, 0.02])
+        found, steps = [], np.concatenate([np.zeros((1, 4)), np.diag([0.02, 0.01, 0.02, 0.02])])
         for one in starts:
-            simplex = one + np.concatenate([np.zeros((1, 4)), steps])
+            simplex = one + steps
             options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3, "maxfev": 160}
-            done = optimize.minimize(unlike, one, method="Nelder-Mead", options=options)
+            done = optimize.minimize(lambda at: -self.alike(at), one, method="Nelder-Mead", options=options)
             found.append((-float(done.fun), self.setup(done.x)))
         return max(found, key=lambda one: one[0])

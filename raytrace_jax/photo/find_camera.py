@@ -1,40 +1,25 @@
 """A photograph's camera, from the corners of its board that are seen directly, and the lens that several tell."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.alignment import AlignmentOptions, align, best_blur
+from raytrace_jax.photo.alignment import align, best_blur
 from raytrace_jax.photo.boards import LEAST_CORNERS, CharucoBoard, opencv
-from raytrace_jax.photo.bundle import AdjustedView, AdjustmentOptions, PhotoView, adjust, known_before
+from raytrace_jax.photo.bundle import AdjustedView, PhotoView, adjust, known_before
 from raytrace_jax.photo.geometry import Setup
 from raytrace_jax.photo.lens import LensPrior, Turn, uncalibrated
-from raytrace_jax.photo.markers import Markers, find_markers
+from raytrace_jax.photo.markers import find_markers
 from raytrace_jax.photo.photograph import Corners, Photograph
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.util.digits import with_error
 
-
-@dataclass(frozen=True)
-class CameraOptions:
-    """Options of the search for a camera.
-
-    Args:
-        angles: angles of view in degrees; the best one is the start where none is known.
-        largest_scatter: corners may scatter by this fraction of the picture's width, seen directly or through the
-            glass: half a pixel of 1600. In the rooms of `experiments/photograph` they scatter by 0.04 pixels, from a
-            wrong start by more than one.
-        alignment, adjustment: of the corners' patches, and of the least squares.
-    """
-
-    angles: tuple[float, ...] = (20.0, 30.0, 40.0, 55.0, 70.0)
-    largest_scatter: float = 3e-4
-    alignment: AlignmentOptions = field(default_factory=AlignmentOptions)
-    adjustment: AdjustmentOptions = field(default_factory=AdjustmentOptions)
+LARGEST_SCATTER = 3e-4
+"""Corners may scatter by this fraction of the picture's width, seen directly or through the glass: half a pixel of
+1600. In the rooms of `experiments/photograph` they scatter by 0.04 pixels, from a wrong start by more than one."""
 
 
 @dataclass(frozen=True)
@@ -50,47 +35,36 @@ class FoundCamera(AdjustedView):
     blur: float
 
 
-def find_camera(
-    photograph: Photograph,
-    board: CharucoBoard,
-    markers: Markers,
-    lens: LensPrior,
-    options: CameraOptions = CameraOptions(),
-) -> FoundCamera:
+def find_camera(photograph: Photograph, board: CharucoBoard, lens: LensPrior) -> FoundCamera:
     """The camera from what is seen directly: from markers, from refined corners, at last from patches.
 
     Raises:
-        PictureError: too few corners of the board are seen, or they scatter too much.
+        PictureError: too few markers or corners of the board are seen, or they scatter too much.
     """
     # Markers are found without a start, but roughly: they choose among angles of view.
-    size, direct = photograph.size, markers.direct
-    seen = markers.corners[direct].reshape(-1, 2)
-    corners = Corners(seen, board.markers[markers.place[direct]].reshape(-1, 2), np.full(len(seen), 0.5))
-    guesses = (float(lens.mean[0]),) if np.isfinite(lens.covariance[0, 0]) else options.angles
+    size, corners = photograph.size, find_markers(photograph, board)
+    guesses = [float(lens.mean[0])] if np.isfinite(lens.covariance[0, 0]) else [20.0, 30.0, 40.0, 55.0, 70.0]
     known = known_before(lens, (0.0, 0.0))
 
     def adjusted(setup: Setup, corners: Corners):
-        return adjust([PhotoView(setup, size, corners, Corners.none())], known, options.adjustment)
+        return adjust([PhotoView(setup, size, corners, Corners.none())], known)
 
     found = [adjusted(_pose(corners, fov, lens, size), corners) for fov in guesses]
     setup = min(found, key=lambda one: one.cost).views[0].setup
 
     # Corners that OpenCV refines are good to a tenth of a pixel: near enough for a patch to find its place.
     for _ in range(2):
-        sight = Sight(setup, size)
-        expected = sight.where(board.corners)
-        pixels, good = _refined(photograph.grey, expected, _square_sizes(sight, board))
-        corners = Corners(pixels, board.corners, np.full(len(pixels), 0.1)).where(good)
+        corners = _refined(photograph, board, Sight(setup, size))
         setup = adjusted(setup, corners).views[0].setup
 
     # Patches, drawn with the camera's blur, measure corners to hundredths of a pixel.
     sight = Sight(setup, size)
     expected, places = sight.where(corners.places), corners.places
     some = slice(None, None, max(1, len(places) // 40))
-    blur = best_blur(photograph.light, board, places[some], expected[some], sight.directly, options.alignment)
-    corners = align(photograph.light, board, places, expected, sight.directly, blur, options=options.alignment)
+    blur = best_blur(photograph.light, board, places[some], expected[some], sight.directly)
+    corners = align(photograph.light, board, places, expected, sight.directly, blur)
     (done,) = adjusted(setup, corners).views
-    largest = options.largest_scatter * size[0]
+    largest = LARGEST_SCATTER * size[0]
     if len(corners.pixels) < LEAST_CORNERS or done.sigma[0] > largest:
         raise PictureError(
             f"{photograph.name}: {len(corners.pixels)} corners of the board are seen directly, and they scatter by "
@@ -112,35 +86,26 @@ def _pose(corners: Corners, fov: float, lens: LensPrior, size: tuple[int, int]) 
     return Setup(turn.ravel(), shift.ravel(), fov, distortion, offset, 1.5, np.zeros(3), 1.0)
 
 
-def _square_sizes(sight: Sight, board: CharucoBoard) -> Float[np.ndarray, " corners"]:
-    """The shorter side of a square at each corner, in pixels."""
-    here = sight.where(board.corners)
-    steps = np.array([[board.square, 0.0], [0.0, board.square]])
-    return np.minimum(*(np.linalg.norm(sight.where(board.corners + step) - here, axis=1) for step in steps))
-
-
-def _refined(
-    grey: UInt8[np.ndarray, "height width"], expected: Float[np.ndarray, "n 2"], sizes: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Refine corners, each in a window by the size of its square in pixels, and tell which were found."""
-    cv2 = opencv("a photograph of a board")
-    height, width = grey.shape
-    found = np.array(expected, np.float32)
+def _refined(photograph: Photograph, board: CharucoBoard, sight: Sight) -> Corners:
+    """The corners that OpenCV finds, each in a window by the size of its square."""
+    cv2, expected = opencv("a photograph of a board"), sight.where(board.corners)
+    steps = [sight.where(board.corners + step) - expected for step in board.square * np.eye(2)]
+    sizes = np.minimum(*(np.linalg.norm(step, axis=1) for step in steps))  # The shorter side of a square, in pixels.
     # The window is 0.13 squares to each side, for a marker begins at 0.15 of its square.
     halves = np.clip(np.round(0.13 * sizes), 2, 12).astype(int)
-    inside = (expected > halves[:, None] + 2).all(axis=1) & (
-        expected < np.array([width, height]) - halves[:, None] - 3
-    ).all(axis=1)
+    border = halves[:, None] + 2
+    inside = ((expected > border) & (expected < np.array(photograph.size) - border - 1)).all(axis=1)
     # A square below 7 pixels, small or squashed, shows nothing but blur.
-    good = inside & (sizes >= 7.0)
+    good, found = inside & (sizes >= 7.0), np.array(expected, np.float32)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
     for half in np.unique(halves[good]):
         which = np.flatnonzero(good & (halves == half))
         start = np.ascontiguousarray(found[which].reshape(-1, 1, 2))
-        found[which] = cv2.cornerSubPix(grey, start, (int(half), int(half)), (-1, -1), stop).reshape(-1, 2)
+        window = int(half), int(half)
+        found[which] = cv2.cornerSubPix(photograph.grey, start, window, (-1, -1), stop).reshape(-1, 2)
     # A refined corner that has moved by more than 0.2 squares is another one.
-    moved = np.linalg.norm(found - expected, axis=1)
-    return found.astype(np.float64), good & (moved < np.maximum(0.2 * sizes, 1.0))
+    good &= np.linalg.norm(found - expected, axis=1) < np.maximum(0.2 * sizes, 1.0)
+    return Corners(found.astype(np.float64), board.corners, np.full(len(found), 0.1)).where(good)
 
 
 class Calibrated(NamedTuple):
@@ -174,9 +139,7 @@ def calibrate(photographs: Sequence[Photograph], board: CharucoBoard) -> Calibra
     size = one_size(photographs)
     # The camera may be turned, and its lens, which stays the same on the sensor, is turned with it.
     lenses = [Turn(size, after=one.orientation).of(uncalibrated()) for one in photographs]
-    found = [
-        find_camera(one, board, find_markers(one, board), lens) for one, lens in zip(photographs, lenses, strict=True)
-    ]
+    found = [find_camera(one, board, lens) for one, lens in zip(photographs, lenses, strict=True)]
     joint = one_lens(photographs, found, lenses[0])
     back = [Turn(size, before=one.orientation) for one in photographs]
     each = tuple(turn.of(camera.lens) for turn, camera in zip(back, found, strict=True))

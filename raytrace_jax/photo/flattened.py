@@ -1,6 +1,5 @@
 """A photograph around its ball as a picture of a board that shines by itself: divided by the light on the board."""
 
-from dataclasses import dataclass
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -13,29 +12,15 @@ from raytrace_jax.photo.locate import Located
 from raytrace_jax.photo.photograph import PixelGrid, offsets
 from raytrace_jax.photo.sight import REACH
 
-
-@dataclass(frozen=True)
-class FlattenOptions:
-    """Options of what is made of a photograph around its ball.
-
-    Args:
-        rim: the board is seen directly beyond this fraction of the outline's radius.
-        ball_width: about how many pixels wide the ball is in the fitted picture; so here.
-        around: the fitted picture reaches this far, in radii of the outline; some board tells exposure and blur.
-        disagrees: something lies between camera and board where picture and board differ by more than this fraction of
-            paper in the mean of some pixels. Through the glass it is twice as much, for there it shows the room too.
-        least_seen: the fewest pixels that tell something, of the ball and of paper alone.
-    """
-
-    rim: float = 1.04
-    ball_width: int = 144
-    around: float = 1.12
-    disagrees: float = 0.12
-    least_seen: int = 400
-
+RIM, AROUND = 1.04, 1.12
+"""In radii of the ball's outline: from where on the board is seen directly, and how far the fitted picture reaches, so
+that some board tells exposure and blur."""
 
 SATURATED = 0.995
 """A channel from here on is saturated."""
+
+LEAST_SEEN = 400
+"""The fewest pixels that tell something, of the ball and of paper alone."""
 
 
 class Flattened(NamedTuple):
@@ -58,25 +43,26 @@ class Flattened(NamedTuple):
     grid: PixelGrid
 
 
-def flatten(
-    image: Float[np.ndarray, "3 height width"], located: Located, options: FlattenOptions = FlattenOptions()
-) -> Flattened:
+def flatten(image: Float[np.ndarray, "3 height width"], located: Located, disagrees: float = 0.12) -> Flattened:
     """Divide each pixel of a scene-linear photograph around its ball by the light on the board where the pixel looks.
+
+    Args:
+        disagrees: something lies between camera and board where picture and board differ by more than this fraction of
+            paper in the mean of some pixels. Through the glass it is twice as much, for there it shows the room too.
 
     Raises:
         PictureError: too little of the board is seen, directly or through the ball.
     """
     # Both the photograph and the board, in the pixels of the fitted picture.
-    field = find_light(image, located, options)
+    field = find_light(image, located)
     center, radius = located.sight.outline
-    binning = max(1, round(2 * radius / options.ball_width))
-    grid = PixelGrid.of(located.size, binning).around(center, options.around * radius)
+    binning = max(1, round(2 * radius / 144))  # The ball is about 144 pixels wide in the fitted picture.
+    grid = PixelGrid.of(located.size, binning).around(center, AROUND * radius)
     parts = grid.parts(image)
     shape = parts.shape[1:3]
     seen, brightness, reach = look_at_board(located, grid)
     on_board = np.isfinite(brightness)
-    ranges = reach > options.rim, reach < REACH
-    direct, through = ((on_board & chosen).reshape(shape) for chosen in ranges)
+    direct, through = ((on_board & chosen).reshape(shape) for chosen in (reach > RIM, reach < REACH))
 
     # The photograph divided by the light where each pixel looks, and the board that it should then be.
     light = field.at(np.nan_to_num(seen)).reshape(3, *shape)
@@ -86,20 +72,18 @@ def flatten(
     # What is in between does not count, a ring or a highlight: there the mean of some pixels differs from the board's.
     off = np.where(direct | through, (divided - drawn).mean(axis=0), 0.0)
     off = np.abs(ndimage.gaussian_filter(off, 1.5))
-    between = cast("np.ndarray", ndimage.binary_dilation((off > options.disagrees) & direct, iterations=3))
-    between |= ndimage.binary_dilation((off > 2 * options.disagrees) & through, iterations=1)
+    between = cast("np.ndarray", ndimage.binary_dilation((off > disagrees) & direct, iterations=3))
+    between |= ndimage.binary_dilation((off > 2 * disagrees) & through, iterations=1)
     counts = (direct | through) & ~between & ~(parts.max(axis=(0, 3)) >= SATURATED)
-    if np.sum(counts & through) < options.least_seen:
+    if np.sum(counts & through) < LEAST_SEEN:
         raise PictureError(
-            f"only {int(np.sum(counts & through))} pixels show the board through the ball, {options.least_seen} are "
-            "wanted: put the ball nearer to the board's middle, or photograph from nearer."
+            f"only {int(np.sum(counts & through))} pixels show the board through the ball, {LEAST_SEEN} are wanted: "
+            "put the ball nearer to the board's middle, or photograph from nearer."
         )
     return Flattened(np.where(counts, divided, 0.0), counts, counts & through, drawn, field, grid)
 
 
-def find_light(
-    image: Float[np.ndarray, "3 height width"], located: Located, options: FlattenOptions = FlattenOptions()
-) -> LightField:
+def find_light(image: Float[np.ndarray, "3 height width"], located: Located) -> LightField:
     """The light on the board, from what is seen of it directly in the whole photograph, scene-linear.
 
     Raises:
@@ -112,8 +96,8 @@ def find_light(
     # Paper or ink alone is what shows nothing of the other, but for a fiftieth.
     alone = np.minimum(blurred, 1 - blurred).reshape(-1) < 0.02
     is_dark_enough = (parts.max(axis=(0, 3)) < SATURATED).reshape(-1)
-    pure = alone & np.isfinite(brightness) & (reach > options.rim) & is_dark_enough
-    if np.sum(pure & (brightness > 0.5)) < options.least_seen:
+    pure = alone & np.isfinite(brightness) & (reach > RIM) & is_dark_enough
+    if np.sum(pure & (brightness > 0.5)) < LEAST_SEEN:
         raise PictureError("too few pixels show paper alone: photograph from nearer, or use larger squares.")
     light = parts.mean(axis=-1).reshape(3, -1)
     return fit_light_field(light[:, pure], seen[pure], brightness[pure], located.board.half)

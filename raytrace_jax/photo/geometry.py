@@ -156,6 +156,13 @@ def pixel_rays(
     return origin, normalize(direction)
 
 
+def see_directly(
+    setup: Setup, size: Size, pixels: Float[Array, "n 2"]
+) -> tuple[Float[Array, "n 2"], Float[Array, " n"]]:
+    """Where pixels see the board's plane if nothing is in the way, and how far off it is; see `on_board`."""
+    return on_board(*pixel_rays(setup, size, pixels))
+
+
 def on_board(
     origin: Float[Array, "3 n"], direction: Float[Array, "3 n"]
 ) -> tuple[Float[Array, "n 2"], Float[Array, " n"]]:

@@ -30,7 +30,6 @@ class LensPrior(NamedTuple):
 
     @property
     def errors(self) -> Float[np.ndarray, "5"]:
-        """The standard deviation of each number."""
         return np.sqrt(np.diagonal(self.covariance))
 
 
@@ -54,31 +53,29 @@ class Turn(NamedTuple):
 
     def __call__(self, mean: Float[np.ndarray, "5"]) -> tuple[Float[np.ndarray, "5"], Float[np.ndarray, "5 5"]]:
         """The lens's numbers, and their derivative by those of the other one."""
-        slope = np.eye(5)
-        for turn in self._turns:
-            mean, places, factors = _turned(mean, *turn)
-            slope = factors[:, None] * slope[places]
-        return mean, slope
+        mean, places, factors = self._turned(mean)
+        return mean, factors[:, None] * np.eye(5)[places]
 
     def of(self, lens: LensPrior) -> LensPrior:
-        """The lens, with its covariance."""
-        for turn in self._turns:
-            mean, places, factors = _turned(lens.mean, *turn)
-            lens = LensPrior(mean, lens.covariance[np.ix_(places, places)] * np.outer(factors, factors))
-        return lens
+        """The lens, with its covariance, which may be infinite."""
+        mean, places, factors = self._turned(lens.mean)
+        return LensPrior(mean, lens.covariance[np.ix_(places, places)] * np.outer(factors, factors))
 
-    @property
-    def _turns(self) -> tuple[tuple[int, tuple[int, int]], ...]:
-        """To the sensor and from there, each with the size before; none for pictures that are turned alike."""
+    def _turned(self, mean: Float[np.ndarray, "5"]):
+        """The lens's numbers, which one of the other's each follows from, and its derivative by that one."""
+        places, factors = np.arange(5), np.ones(5)
         if self.before == self.after:
-            return ()
-        width, height = self.size
-        upright = (width, height) if self.before < 5 else (height, width)
-        return (BACK.get(self.before, self.before), upright), (self.after, self.size)
+            return mean, places, factors
+        # To the sensor and from there, each with the size before.
+        upright = self.size if self.before < 5 else (self.size[1], self.size[0])
+        for orientation, size in ((BACK.get(self.before, self.before), upright), (self.after, self.size)):
+            mean, here, by = _turned(mean, orientation, size)
+            places, factors = places[here], by * factors[here]
+        return mean, places, factors
 
 
 def _turned(mean: Float[np.ndarray, "5"], orientation: int, size: tuple[int, int]):
-    """The numbers of a turned lens; which one before each follows from, and its derivative by that one."""
+    """As `Turn._turned`, of one turn."""
     mean, places, factors = np.array(mean), np.arange(5), np.ones(5)
     if orientation > 4:
         # Rows become columns: the angle is that of the other side, and so are the widths.
@@ -117,17 +114,12 @@ def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> LensPrior:
         mean = np.array([*(float(kept[name]) for name in ("fov", "k1", "k2")), *map(float, kept["center"])])
         covariance = np.array(kept["covariance"], float)
         width, height = (int(side) for side in kept["size"])
-        fits = (
-            covariance.shape == (5, 5)
-            and mean.shape == (5,)
-            and np.isfinite(covariance).all()
-            and np.isfinite(mean).all()
-        )
-        fits = fits and 0 < mean[0] < 180 and min(width, height) > 0
-    except (ValueError, KeyError, TypeError, ArithmeticError):
-        fits, mean, covariance, width, height = False, np.zeros(5), np.zeros((5, 5)), 1, 1
-    if not fits or np.any(np.linalg.eigvalsh(covariance) <= 0):
-        raise RaytraceError(f"{path}: is no lens; one as `raytrace-jax calibrate` writes it is wanted.")
+        np.linalg.cholesky(covariance)  # It is positive definite, and finite.
+        fits = covariance.shape == (5, 5) and mean.shape == (5,) and np.isfinite([*mean, *covariance.ravel()]).all()
+        if not (fits and 0 < mean[0] < 180 and min(width, height) > 0):
+            raise ValueError
+    except (ValueError, KeyError, TypeError, ArithmeticError):  # LinAlgError is a ValueError.
+        raise RaytraceError(f"{path}: is no lens; one as `raytrace-jax calibrate` writes it is wanted.") from None
     # A picture that was made smaller since has the same shape but for rounding.
     if abs(width / height * size[1] / size[0] - 1) > 1e-3:
         raise RaytraceError(

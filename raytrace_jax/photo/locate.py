@@ -11,39 +11,19 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.bundle import Adjusted, AdjustedView, PhotoView, adjust, known_before
-from raytrace_jax.photo.find_ball import BallOptions, find_ball
-from raytrace_jax.photo.find_camera import CameraOptions, FoundCamera, find_camera, one_lens, one_size
+from raytrace_jax.photo.find_ball import find_ball
+from raytrace_jax.photo.find_camera import LARGEST_SCATTER, FoundCamera, find_camera, one_lens, one_size
 from raytrace_jax.photo.lens import LensPrior
-from raytrace_jax.photo.markers import MarkerOptions, find_markers, markers_in
-from raytrace_jax.photo.outline import Disc, NoBall, OutlineOptions, find_discs
+from raytrace_jax.photo.markers import markers_in
+from raytrace_jax.photo.outline import Disc, NoBall, find_discs
 from raytrace_jax.photo.photograph import Corners, Photograph
 from raytrace_jax.photo.sight import Sight
 
+LEAST_SQUARE = 4.0
+"""Least pixels of a square's shorter side, seen through the glass; a patch of a smaller one is a blur."""
 
-@dataclass(frozen=True)
-class LocateOptions:
-    """Options of all stages from a photograph to camera, ball and index.
-
-    Args:
-        markers, camera, outline, ball: of these stages.
-        least_square: least pixels of a square's shorter side, seen through the glass; a patch of a smaller one is a
-            blur.
-        least_through: the fewest corners through the glass; they err, and tell four numbers.
-        max_rounds: corners through the glass are looked for so often at most.
-        more_scatter: corners through the glass may scatter so many times as much as those beside it. In a photograph
-            that was cut, whose middle is not where the lens looked, it is 3.5 times.
-        least_scatter: in any case they may scatter by this fraction of the picture's width.
-    """
-
-    markers: MarkerOptions = field(default_factory=MarkerOptions)
-    camera: CameraOptions = field(default_factory=CameraOptions)
-    outline: OutlineOptions = field(default_factory=OutlineOptions)
-    ball: BallOptions = field(default_factory=BallOptions)
-    least_square: float = 4.0
-    least_through: int = 8
-    max_rounds: int = 12
-    more_scatter: float = 3.0
-    least_scatter: float = 1e-4
+LEAST_THROUGH = 8
+"""The fewest corners through the glass; they err, and tell four numbers."""
 
 
 @dataclass(frozen=True)
@@ -116,10 +96,9 @@ def locate(
     radius: tuple[float, float],
     lens: LensPrior,
     ball: Disc | None = None,
-    options: LocateOptions = LocateOptions(),
 ) -> Located:
     """As `locate_together`, of one photograph. Raises NotLocated."""
-    found = locate_together([photograph], board, radius, lens, ball, options)
+    found = locate_together([photograph], board, radius, lens, ball)
     if found.refused:
         raise found.refused[0]
     return found.located[0]
@@ -131,7 +110,6 @@ def locate_together(
     radius: tuple[float, float],
     lens: LensPrior,
     ball: Disc | None = None,
-    options: LocateOptions = LocateOptions(),
 ) -> Together:
     """Find cameras and ball from the board's corners, seen directly and through the glass.
 
@@ -162,8 +140,7 @@ def locate_together(
     cameras: dict[int, FoundCamera] = {}
     for k, photograph in enumerate(photographs):
         try:
-            markers = find_markers(photograph, board, options.markers)
-            cameras[k] = find_camera(photograph, board, markers, first.turn_to(photograph).of(lens), options.camera)
+            cameras[k] = find_camera(photograph, board, first.turn_to(photograph).of(lens))
         except PictureError as reason:
             refused[k] = _not_located(reason, photograph, board, taken[k])
     shared = lens
@@ -179,7 +156,7 @@ def locate_together(
     for k, camera in cameras.items():
         known_lens = first.turn_to(photographs[k]).of(shared)
         try:
-            views[k], alone[k] = _measured(photographs[k], board, camera, radius, known_lens, ball, taken[k], options)
+            views[k], alone[k] = _measured(photographs[k], board, camera, radius, known_lens, ball, taken[k])
         except PictureError as reason:
             left_out = bare if several and isinstance(reason, NoBall) else refused
             left_out[k] = _not_located(reason, photographs[k], board, taken[k])
@@ -191,7 +168,7 @@ def locate_together(
     if len(views) + len(bare) > 1:
         chosen = views | {k: cameras[k].view for k in bare}
         turned = [view._replace(turn=leading.turn_to(photographs[k])) for k, view in chosen.items()]
-        joint = adjust(turned, known_before(first.turn_to(leading).of(lens), radius), options.camera.adjustment)
+        joint = adjust(turned, known_before(first.turn_to(leading).of(lens), radius))
     located = {
         k: Located(**vars(seen), board=board, size=photographs[k].size, blur=cameras[k].blur)
         for k, seen in zip(views, joint.views, strict=False)
@@ -221,30 +198,28 @@ def _measured(
     lens: LensPrior,
     ball: Disc | None,
     taken: Diagnostics,
-    options: LocateOptions,
 ) -> tuple[PhotoView, Adjusted]:
     """A photograph's corners, and what they say; what is found on the way is written into `taken`."""
     # The ball is where the board is hidden.
     taken.direct, taken.blur = camera.view.direct, camera.blur
     setup = camera.view.setup._replace(radius=radius[0])
-    taken.discs = [ball] if ball else find_discs(photograph, board, setup, camera.blur, options.outline)
-    setup = find_ball(photograph, board, setup, camera.blur, taken.discs, options.ball)
+    taken.discs = [ball] if ball else find_discs(photograph, board, setup, camera.blur)
+    setup = find_ball(photograph, board, setup, camera.blur, taken.discs)
     taken.discs = [Disc(*Sight(setup, photograph.size).outline)]
 
     # Camera and ball are adjusted together to the corners seen directly and through the glass. A better ball says
     # better where these are, so that each round finds more of them.
     view = camera.view._replace(setup=setup)
     known, found = known_before(lens, radius), None
-    for _ in range(options.max_rounds):
-        sight = Sight(view.setup, photograph.size)
-        taken.through = _corners_through(photograph, board, sight, camera.blur, options)
-        if len(taken.through.pixels) < options.least_through:
+    for _ in range(12):
+        taken.through = _corners_through(photograph, board, Sight(view.setup, photograph.size), camera.blur)
+        if len(taken.through.pixels) < LEAST_THROUGH:
             raise PictureError(
                 f"{photograph.name}: {len(taken.through.pixels)} corners of the board are found through the ball, and "
-                f"{options.least_through} are wanted: photograph from nearer, use smaller squares, or put the "
-                "ball nearer to the board."
+                f"{LEAST_THROUGH} are wanted: photograph from nearer, use smaller squares, or put the ball nearer to "
+                "the board."
             )
-        found = adjust([view._replace(through=taken.through)], known, options.camera.adjustment)
+        found = adjust([view._replace(through=taken.through)], known)
         (seen,) = found.views
         moved = np.abs(seen.setup.ball - view.setup.ball)
         view = view._replace(setup=seen.setup, through=taken.through)
@@ -252,28 +227,24 @@ def _measured(
             break
     assert found is not None, "there is a round"
     taken.discs = [disc := Disc(*Sight(view.setup, photograph.size).outline)]
-    _check(photograph, disc, found.views[0].sigma, options)
-    return view, found
+    sigma = found.views[0].sigma
 
-
-def _check(photograph: Photograph, disc: Disc, sigma: tuple[float, float], options: LocateOptions) -> None:
-    """Refuse what shows in the result to be wrong with a photograph: a ball that is cut off, corners that scatter."""
     if np.any(disc.center - disc.radius < 0) or np.any(disc.center + disc.radius > np.array(photograph.size)):
         raise PictureError(f"{photograph.name}: the ball reaches beyond the picture's border: photograph all of it.")
+    # In a photograph that was cut, whose middle is not where the lens looked, those through the ball scatter 3.5 times
+    # as much as those beside it.
     width = photograph.size[0]
-    likely = max(options.more_scatter * sigma[0], options.least_scatter * width)
-    if sigma[1] > min(options.camera.largest_scatter * width, likely):
+    if sigma[1] > min(LARGEST_SCATTER * width, max(3 * sigma[0], 1e-4 * width)):
         raise PictureError(
             f"{photograph.name}: the corners that are seen through the ball scatter by {sigma[1]:.2g} pixels, "
             f"and those beside it by {sigma[0]:.2g}: they are not what they are taken for. Put the ball so that "
             "more squares are seen through it, photograph from nearer, and see that its radius is right and the "
             "picture whole, as the camera took it."
         )
+    return view, found
 
 
-def _corners_through(
-    photograph: Photograph, board: CharucoBoard, sight: Sight, blur: float, options: LocateOptions
-) -> Corners:
+def _corners_through(photograph: Photograph, board: CharucoBoard, sight: Sight, blur: float) -> Corners:
     """The corners that are seen through the ball, by patches."""
 
     def see(pixels):
@@ -281,6 +252,5 @@ def _corners_through(
         return seen.place, seen.valid
 
     expected, stretch, visible = sight.where_through(board.places, board.half)
-    chosen = visible & (stretch * board.square > options.least_square)
-    places, patches = board.places[chosen], options.camera.alignment
-    return align(photograph.light, board, places, expected[chosen], see, blur, rounds=1, options=patches)
+    chosen = visible & (stretch * board.square > LEAST_SQUARE)
+    return align(photograph.light, board, board.places[chosen], expected[chosen], see, blur, rounds=1)

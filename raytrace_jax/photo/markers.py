@@ -1,56 +1,21 @@
 """The markers of a board in a photograph: which are seen directly, and which through glass."""
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.boards import CharucoBoard, decoded, every_dictionary, opencv
-from raytrace_jax.photo.photograph import Photograph
+from raytrace_jax.photo.boards import CharucoBoard, decoded, opencv
+from raytrace_jax.photo.photograph import Corners, Photograph
+
+LEAST_DIRECT = 8
+"""The fewest markers seen directly: a camera has up to nine free numbers, a marker gives eight, and they err."""
 
 
-@dataclass(frozen=True)
-class MarkerOptions:
-    """Options of the search for markers.
-
-    Args:
-        least_direct: the fewest markers seen directly: a camera has up to nine free numbers, a marker gives eight, and
-            they err.
-        near: a marker is seen directly where it lies within this fraction of the picture's diagonal of the board's
-            homography. A lens bends a picture by less, and a ball moves a marker by about the size of the ball.
-        least_fitting: the least fraction of the markers' neighbours that lie where the board has them. In photographs
-            of it all do, also through a ball; in those of other boards 0 to 0.52.
-    """
-
-    least_direct: int = 8
-    near: float = 0.02
-    least_fitting: float = 0.75
-
-
-class Markers(NamedTuple):
-    """Markers that were decoded.
-
-    Args:
-        place: their numbers' places in the board's row of markers.
-        corners: the four corners of each in the picture, in OpenCV's pixels.
-        direct: whether each is seen directly.
-    """
-
-    place: Int[np.ndarray, " markers"]
-    corners: Float[np.ndarray, "markers 4 2"]
-    direct: Bool[np.ndarray, " markers"]
-
-
-def find_markers(photograph: Photograph, board: CharucoBoard, options: MarkerOptions = MarkerOptions()) -> Markers:
-    """Decode a board's markers, and tell those that are seen directly from those that glass has displaced.
+def find_markers(photograph: Photograph, board: CharucoBoard) -> Corners:
+    """The corners of a board's markers that are seen directly, good to half a pixel.
 
     A ball turns the board by 180 degrees without mirroring it, so markers decode through it as well, elsewhere. Most of
     them are seen directly: theirs is the homography that most agree on (RANSAC).
-
-    Returns:
-        The markers of this board, and which of them are seen directly.
 
     Raises:
         PictureError: there are too few markers of this board; the message says what was found.
@@ -59,32 +24,34 @@ def find_markers(photograph: Photograph, board: CharucoBoard, options: MarkerOpt
     corners, ids = markers_in(grey, board.dictionary)
     known = {int(number): place for place, number in enumerate(board.ids)}
     ours = np.array([int(number) in known for number in ids], bool)
-    if np.sum(ours) < options.least_direct:
-        raise PictureError(f"{name}: {_too_few(grey, board, ids, int(np.sum(ours)), options.least_direct)}")
+    if np.sum(ours) < LEAST_DIRECT:
+        raise PictureError(f"{name}: {_too_few(grey, board, ids, int(np.sum(ours)))}")
     place = np.array([known[int(number)] for number in ids[ours]])
     corners = corners[ours]
     fit, pairs = _neighbours(board.markers[place], corners, board.square)
-    if fit < options.least_fitting * pairs:
+    # In photographs of the board all neighbours lie where it has them, also through a ball; of others 0 to 0.52.
+    if fit < 0.75 * pairs:
         raise PictureError(
             f"{name}: of the neighbours of its {len(place)} markers {fit / pairs:.0%} lie where {board.path} has them: "
             "another board was photographed, of other columns or rows, or one whose markers lie in the other squares, "
             "as in OpenCV's legacy pattern."
         )
 
-    near = options.near * float(np.hypot(*grey.shape))
-    homography, _ = cv2.findHomography(
-        board.markers[place].reshape(-1, 1, 2), corners.reshape(-1, 1, 2), cv2.RANSAC, near / 4
-    )
-    if homography is None:
-        raise PictureError(f"{name}: its {len(place)} markers lie on no plane: is the board flat and whole?")
-    expected = cv2.perspectiveTransform(board.markers[place].reshape(-1, 1, 2), homography).reshape(-1, 4, 2)
-    direct = np.max(np.linalg.norm(expected - corners, axis=-1), axis=1) < near
-    if np.sum(direct) < options.least_direct:
+    # A lens bends a picture by less than this share of its diagonal; a ball moves a marker by about its own size.
+    near = 0.02 * float(np.hypot(*grey.shape))
+    places = board.markers[place].reshape(-1, 1, 2)
+    homography, _ = cv2.findHomography(places, corners.reshape(-1, 1, 2), cv2.RANSAC, near / 4)
+    direct = np.zeros(len(place), bool)
+    if homography is not None:
+        expected = cv2.perspectiveTransform(places, homography).reshape(-1, 4, 2)
+        direct = np.max(np.linalg.norm(expected - corners, axis=-1), axis=1) < near
+    if np.sum(direct) < LEAST_DIRECT:
         raise PictureError(
             f"{name}: only {int(np.sum(direct))} of {len(place)} markers lie where one flat board would have them, "
-            f"{options.least_direct} are wanted: is {board.path} the board of this photograph, and is it flat?"
+            f"{LEAST_DIRECT} are wanted: is {board.path} the board of this photograph, and is it flat?"
         )
-    return Markers(place, corners, direct)
+    pixels = corners[direct].reshape(-1, 2)
+    return Corners(pixels, board.markers[place[direct]].reshape(-1, 2), np.full(len(pixels), 0.5))
 
 
 def _neighbours(
@@ -122,30 +89,18 @@ def markers_in(
     return decoded(grey, dictionary, how)
 
 
-def _too_few(
-    grey: UInt8[np.ndarray, "height width"],
-    board: CharucoBoard,
-    ids: Int[np.ndarray, " markers"],
-    ours: int,
-    least: int,
-) -> str:
+def _too_few(grey: UInt8[np.ndarray, "height width"], board: CharucoBoard, ids: np.ndarray, ours: int) -> str:
     """Why a photograph shows too few markers of a board, as far as it can be told, and what to do."""
-    wanted = f"{least} markers of {board.path} are wanted, and {ours} are found"
+    wanted = f"{LEAST_DIRECT} markers of {board.path} are wanted, and {ours} are found"
     mirrored = int(np.sum(np.isin(markers_in(np.ascontiguousarray(grey[:, ::-1]), board.dictionary)[1], board.ids)))
-    if mirrored >= least:
+    if mirrored >= LEAST_DIRECT:
         return (
             f"{wanted}, but {mirrored} in its mirror image: it is mirrored, as a front camera may save it. Turn the "
             "mirroring off in the camera, or mirror the file back, as by `magick FILE -flop FILE` (ImageMagick)."
         )
-    if len(ids) >= least:
+    if len(ids) >= LEAST_DIRECT:
         return f"{wanted}, beside {len(ids) - ours} of another board: which board was photographed?"
-    others = {
-        name: len(markers_in(grey, name)[1]) for name in every_dictionary() if not name.endswith(("_250", "_100"))
-    }
-    best = max(others, key=lambda name: others[name])
-    if others[best] >= least:
-        return f"{wanted}; it shows {others[best]} markers of {best}, the board has those of {board.dictionary}."
     return (
-        f"{wanted}: more of the board must be in the picture, sharp and evenly lit, its markers at least 20 pixels "
-        "wide (photograph from nearer, or print larger squares)."
+        f"{wanted}: more of the board, whose markers are those of {board.dictionary}, must be in the picture, sharp "
+        "and evenly lit, its markers at least 20 pixels wide (photograph from nearer, or print larger squares)."
     )

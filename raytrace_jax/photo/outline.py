@@ -5,7 +5,6 @@ camera and the board allow; what it stands on, or what holds it, hides more of i
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,27 +18,11 @@ from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.photograph import Photograph, PixelGrid, offsets
 from raytrace_jax.photo.sight import Sight
 
+HIDDEN = 0.35
+"""Where this share of the pixels around differ from the board, all of it is hidden: in a ball about half do."""
 
-@dataclass(frozen=True)
-class OutlineOptions:
-    """Options of the search for discs.
-
-    Args:
-        differs: a pixel shows something else than the board where its brightness is off by more than this fraction of
-            paper's.
-        hidden: where so many of the pixels around differ, all is hidden: in a ball about half do.
-        darkest: a shadow leaves this fraction of light.
-        nearest: the ball's centre is this fraction of the board's distance away from the camera, or more.
-        least_radius: in pixels of the reduced picture; nothing is seen through a smaller disc.
-        least_score: the inside of a disc is hidden by so much more than half of what is around it.
-    """
-
-    differs: float = 0.3
-    hidden: float = 0.35
-    darkest: float = 0.4
-    nearest: float = 0.5
-    least_radius: float = 9.0
-    least_score: float = 0.4
+LEAST_SCORE = 0.4
+"""By how much more the inside of a disc is hidden than half of what is around it."""
 
 
 class NoBall(PictureError):
@@ -65,9 +48,7 @@ class Disc(NamedTuple):
         return f"column {self.center[0]:.0f}, row {self.center[1]:.0f}, with a radius of {self.radius:.0f} pixels"
 
 
-def find_discs(
-    photograph: Photograph, board: CharucoBoard, setup: Setup, blur: float, options: OutlineOptions = OutlineOptions()
-) -> list[Disc]:
+def find_discs(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: float) -> list[Disc]:
     """Discs of the photograph that hide the board and are as large as the ball may be, the most distinct one first.
 
     Args:
@@ -79,18 +60,18 @@ def find_discs(
     """
     name, size = photograph.name, photograph.size
     sight, grid = Sight(setup, size), PixelGrid.of(size, max(1, round(size[0] / 480)))
-    differs, known, square = _differs(photograph.light, board, sight, blur, grid, options)
-    hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / options.hidden, 1)
+    differs, known, square = _differs(photograph.light, board, sight, blur, grid)
+    hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / HIDDEN, 1)
 
     # All middles amid what is hidden are tried, with the radii that a ball can have there.
-    low, high = (radii.reshape(hidden.shape) / grid.binning for radii in _radii(sight, grid.pixels, options.nearest))
+    low, high = (radii.reshape(hidden.shape) / grid.binning for radii in _radii(sight, grid.pixels))
     least, largest = float(np.min(low[known > 0])), float(np.max(high[known > 0]))
-    if largest < options.least_radius:
+    if largest < 9.0:  # Nothing is seen through so small a disc.
         raise PictureError(
             f"{name}: a ball of this radius is {2 * largest * grid.binning:.0f} pixels wide at most before this board: "
             "photograph from nearer."
         )
-    amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * options.least_score
+    amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * LEAST_SCORE
     step = max(1, round(0.15 * least))
     row, column = (step * at for at in np.nonzero(amid[::step, ::step]))
     count = int(np.ceil(np.log(float(np.max(high / low))) / np.log(1.07)))
@@ -100,8 +81,8 @@ def find_discs(
     scores = _scores(hidden * known, known, circles)
 
     # The best one of each place is fitted to the ragged outline of what differs.
-    order = circles[np.argsort(-scores)][: np.sum(scores > options.least_score)]
-    sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / options.hidden, 1)
+    order = circles[np.argsort(-scores)][: np.sum(scores > LEAST_SCORE)]
+    sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / HIDDEN, 1)
     discs = _distinct((_fitted(one, sharp, known) for one in _distinct(order, 0.3)), 0.1)
     if not discs:
         raise NoBall(
@@ -115,14 +96,14 @@ def find_discs(
     return [Disc(one[:2] * grid.binning + first, float(one[2] * grid.binning)) for one in discs]
 
 
-def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"], nearest: float):
-    """The least and the largest radius of a ball's outline about pixels: on the board, and nearest to the camera."""
+def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"]):
+    """The least and the largest radius of a ball's outline about pixels: on the board, and halfway to the camera."""
     place, _ = sight.directly(pixels)
     away = np.linalg.norm(np.pad(place, ((0, 0), (0, 1))) - sight.viewpoint, axis=1)
     radius = sight.setup.radius
-    fractions = max(1 - radius / sight.viewpoint[2], nearest), nearest
     return [
-        sight.focal_at(pixels) * radius / np.sqrt(np.maximum((away * at) ** 2 - radius**2, 1e-9)) for at in fractions
+        sight.focal_at(pixels) * radius / np.sqrt(np.maximum((away * share) ** 2 - radius**2, 1e-9))
+        for share in (max(1 - radius / sight.viewpoint[2], 0.5), 0.5)
     ]
 
 
@@ -188,16 +169,20 @@ def _scores(
     return (inside * INSIDE).sum(axis=(1, 2)) / area - around.mean(axis=1)
 
 
-def _differs(light, board: CharucoBoard, sight: Sight, blur: float, grid: PixelGrid, options: OutlineOptions):
+def _differs(light, board: CharucoBoard, sight: Sight, blur: float, grid: PixelGrid):
     """Which pixels show something else than the board in the light that lies on it, which see it, a square's side."""
-    seen, expected = _expected(sight, board, grid, blur)
+    # How bright the board is in each pixel's mean, blurred.
+    seen, shape = sight.directly(grid.pixels)[0], grid.size[::-1]
+    rays = offsets(grid.binning)
+    mean = np.mean([board.brightness(sight.directly(grid.pixels + off)[0]) for off in rays], axis=0).reshape(shape)
+    smooth = ndimage.gaussian_filter(np.nan_to_num(mean), blur / grid.binning)
+    expected = np.where(np.isfinite(mean), smooth, np.nan).reshape(-1)
     known = np.isfinite(expected)
     flat = grid.parts(light[None]).mean(axis=-1).reshape(-1)
     # A pixel that is mostly paper tells of its light as paper alone would.
     as_paper = flat / np.where(expected > 0.5, expected, 1.0)
     clear = known & (np.abs(np.nan_to_num(expected) - 0.5) > 0.2)
     field = fit_light_field(np.repeat(as_paper[None, clear], 3, 0), seen[clear], expected[clear], board.half)
-    shape = grid.size[::-1]
     wanted = (field.ink[0] + (1 - field.ink[0]) * np.nan_to_num(expected)).reshape(shape)
     divided = (flat / np.maximum(field.at(np.nan_to_num(seen))[0], 1e-6)).reshape(shape)
     known = known.reshape(shape).astype(float)
@@ -206,16 +191,6 @@ def _differs(light, board: CharucoBoard, sight: Sight, blur: float, grid: PixelG
     across = sight.where(np.array([[-board.square / 2, 0], [board.square / 2, 0]]))
     square = float(np.linalg.norm(across[1] - across[0])) / grid.binning
     product, squared = (ndimage.gaussian_filter(known * one * wanted, square) for one in (divided, wanted))
-    nearby = np.clip(product / np.maximum(squared, 1e-6), options.darkest, 1)
+    nearby = np.clip(product / np.maximum(squared, 1e-6), 0.4, 1)
     off = np.minimum(np.abs(divided - wanted), np.abs(divided / nearby - wanted))
-    return known * (off > options.differs), known, square
-
-
-def _expected(sight: Sight, board: CharucoBoard, grid: PixelGrid, blur: float):
-    """The place of the board that each pixel sees directly, and how bright it is in the pixel's mean, blurred."""
-    seen, _ = sight.directly(grid.pixels)
-    rays = offsets(grid.binning)
-    mean = np.mean([board.brightness(sight.directly(grid.pixels + off)[0]) for off in rays], axis=0)
-    mean = mean.reshape(grid.size[::-1])
-    smooth = ndimage.gaussian_filter(np.nan_to_num(mean), blur / grid.binning)
-    return seen, np.where(np.isfinite(mean), smooth, np.nan).reshape(-1)
+    return known * (off > 0.3), known, square

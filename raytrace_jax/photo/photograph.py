@@ -57,11 +57,9 @@ class Corners(NamedTuple):
 
     @classmethod
     def none(cls) -> "Corners":
-        """No corners."""
         return cls(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
 
     def where(self, chosen: Bool[np.ndarray, " n"]) -> "Corners":
-        """The chosen corners."""
         return Corners(self.pixels[chosen], self.places[chosen], self.spread[chosen])
 
 

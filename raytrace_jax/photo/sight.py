@@ -1,24 +1,16 @@
 """What the pixels of a photograph see of its board, directly and through the ball, for programs outside of JAX."""
 
 import functools
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.spatial import KDTree
 
-from raytrace_jax.photo.geometry import (
-    Seen,
-    Setup,
-    camera_of,
-    focal_length,
-    local_map,
-    on_board,
-    pixel_rays,
-    principal_point,
-    project,
-    see_through,
-)
+from raytrace_jax.photo import geometry
+from raytrace_jax.photo.geometry import Seen, Setup
 from raytrace_jax.util.compilation import jit
 
 REACH = 0.94
@@ -44,17 +36,15 @@ class Sight:
 
     def directly(self, pixels: PixelPlaces) -> tuple[PixelPlaces, Bool[np.ndarray, " n"]]:
         """The place on the board's plane that each pixel sees if nothing is in the way, and whether it sees one."""
-        place, sees = self._in_parts(_directly, pixels)
-        return place, sees
+        place, distance = self._by("see_directly", pixels)
+        return place, distance > 0
 
     def through(self, pixels: PixelPlaces) -> Seen:
-        """What each pixel sees through the ball."""
-        return Seen(*self._in_parts(_through, pixels))
+        return self._by("see_through", pixels)
 
     def where(self, places: Float[np.ndarray, "n 2"]) -> PixelPlaces:
         """The pixels in which places of the board are seen directly."""
-        flat = np.concatenate([places, np.zeros_like(places[:, :1])], axis=1)
-        return self._in_parts(_where, flat)[0]
+        return self._by("project", np.concatenate([places, np.zeros_like(places[:, :1])], axis=1))
 
     def where_through(
         self, places: Float[np.ndarray, "n 2"], half: Float[np.ndarray, "2"], reach: float = REACH
@@ -80,17 +70,16 @@ class Sight:
         pixels = grid[KDTree(np.where(counts[:, None], place, 1e9)).query(places)[1]]
         for _ in range(6):
             place, _ = see(pixels)
-            (slopes,) = self._in_parts(_slopes, pixels)
+            slopes = self._by("local_map", pixels)
             step = np.linalg.solve(slopes + 1e-12 * np.eye(2), (places - place)[..., None])[..., 0]
             length = np.linalg.norm(step, axis=1, keepdims=True)
             pixels = pixels + step * np.minimum(1, 0.1 * radius / np.maximum(length, 1e-12))
         place, counts = see(pixels)
-        stretch = 1 / np.maximum(np.linalg.svd(self._in_parts(_slopes, pixels)[0], compute_uv=False)[:, 0], 1e-12)
+        stretch = 1 / np.maximum(np.linalg.svd(self._by("local_map", pixels), compute_uv=False)[:, 0], 1e-12)
         return pixels, stretch, counts & (np.linalg.norm(place - places, axis=1) * stretch < 0.01)
 
     @property
     def viewpoint(self) -> Float[np.ndarray, "3"]:
-        """Where the camera is."""
         return self._pinhole[:3]
 
     def focal_at(self, center: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, " *any"]:
@@ -101,7 +90,7 @@ class Sight:
     @property
     def outline(self) -> tuple[Float[np.ndarray, "2"], float]:
         """Where the ball's centre is seen, and about how large its outline's radius is, in pixels."""
-        center = self._in_parts(_where, self.setup.center[None])[0][0]
+        center = self._by("project", self.setup.center[None])[0]
         squared = float(np.sum((self.viewpoint - self.setup.center) ** 2))
         radius = float(self.setup.radius)
         return center, radius / np.sqrt(max(squared - radius**2, 1e-9)) * float(self.focal_at(center))
@@ -118,39 +107,24 @@ class Sight:
         """The viewpoint, the principal point and the focal length."""
         return np.asarray(_pinhole(self._vector, np.asarray(self.size, float)))
 
-    def _in_parts(self, program, values: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Run a compiled program on many rows, some at a time."""
+    def _by(self, what: str, values: np.ndarray) -> Any:
+        """The results of a function of `geometry` for many rows, some at a time, as arrays of NumPy."""
         count, size, found = len(values), np.asarray(self.size, float), []
         at_once = AT_ONCE[count > AT_ONCE[0]]
         for first in range(0, max(count, 1), at_once):
             part = values[first : first + at_once]
             rows = np.pad(np.asarray(part, float), ((0, at_once - len(part)), (0, 0)))
-            found.append([np.asarray(one)[: len(part)] for one in program(self._vector, size, rows)])
-        return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+            found.append(_run(self._vector, size, rows, what=what))
+        return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *found)
 
 
-@jit
-def _directly(vector: Float[Array, " numbers"], size: Float[Array, "2"], pixels: Float[Array, "n 2"]):
-    place, distance = on_board(*pixel_rays(Setup.of(vector), size, pixels))
-    return place, distance > 0
-
-
-@jit
-def _through(vector: Float[Array, " numbers"], size: Float[Array, "2"], pixels: Float[Array, "n 2"]):
-    return tuple(see_through(Setup.of(vector), size, pixels))
-
-
-@jit
-def _slopes(vector: Float[Array, " numbers"], size: Float[Array, "2"], pixels: Float[Array, "n 2"]):
-    return (local_map(Setup.of(vector), size, pixels),)
-
-
-@jit
-def _where(vector: Float[Array, " numbers"], size: Float[Array, "2"], points: Float[Array, "n 3"]):
-    return (project(Setup.of(vector), size, points),)
+@jit(static_argnames="what")
+def _run(vector: Float[Array, " numbers"], size: Float[Array, "2"], rows: Float[Array, "n k"], what: str):
+    return getattr(geometry, what)(Setup.of(vector), size, rows)
 
 
 @jit
 def _pinhole(vector: Float[Array, " numbers"], size: Float[Array, "2"]):
     setup = Setup.of(vector)
-    return jnp.concatenate([camera_of(setup).viewpoint, principal_point(setup, size), focal_length(setup, size)[None]])
+    principal_point, focal = geometry.principal_point(setup, size), geometry.focal_length(setup, size)
+    return jnp.concatenate([geometry.camera_of(setup).viewpoint, principal_point, focal[None]])

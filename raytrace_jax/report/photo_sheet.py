@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from raytrace_jax.inverse.judge.assumptions import Contradiction
-from raytrace_jax.photo.flattened import Flattened, FlattenOptions
+from raytrace_jax.photo.flattened import AROUND, Flattened
 from raytrace_jax.photo.locate import Diagnostics, Located
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.photograph import Corners, PixelGrid
@@ -83,7 +83,7 @@ def _draw_taken(axes: dict[str, Axes], image: np.ndarray, direct: Corners, throu
             ax.add_patch(Circle(tuple(center), radius, fill=False, color=OUTLINE, linewidth=1.0, linestyle=style))
     if discs:
         size = (image.shape[2], image.shape[1])
-        seen = PixelGrid.of(size, 1).around(discs[0].center, FlattenOptions().around * discs[0].radius).window
+        seen = PixelGrid.of(size, 1).around(discs[0].center, AROUND * discs[0].radius).window
         axes["a"].add_patch(Rectangle(seen[:2], *seen[2:], fill=False, color=OUTLINE, linewidth=0.7, linestyle=":"))
         axes["b"].set(xlim=(seen[0], seen[0] + seen[2]), ylim=(seen[1] + seen[3], seen[1]))
 

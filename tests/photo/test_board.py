@@ -199,18 +199,13 @@ def test_an_opencv_that_is_too_old_or_broken_is_told(tmp_path, monkeypatch):
         opencv("a board")
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [("10mm", 10), ("1cm", 10), ("0.4in", 10.16), (" 1.5 CM ", 15), (".5m", 500), ("250um", 0.25), ("1e1mm", 10)],
-)
-def test_lengths_are_read(text, value):
-    assert millimetres(text) == pytest.approx(value, rel=1e-12)
-    assert with_tolerance(text) == (millimetres(text), 0)
-
-
-@pytest.mark.parametrize("text", ["40+-0.02mm", "40 mm +- 0.02 mm", "4cm+-0.02mm", "40mm±20um", "40+/-0.02mm"])
-def test_tolerances_are_read(text):
-    assert with_tolerance(text) == pytest.approx((40, 0.02), rel=1e-12)
+def test_lengths_and_tolerances_are_read():
+    lengths = {"10mm": 10, "1cm": 10, "0.4in": 10.16, " 1.5 CM ": 15, ".5m": 500, "250um": 0.25, "1e1mm": 10}
+    for text, value in lengths.items():
+        assert millimetres(text) == pytest.approx(value, rel=1e-12)
+        assert with_tolerance(text) == (millimetres(text), 0)
+    for text in ("40+-0.02mm", "40 mm +- 0.02 mm", "4cm+-0.02mm", "40mm±20um", "40+/-0.02mm"):
+        assert with_tolerance(text) == pytest.approx((40, 0.02), rel=1e-12)
     assert with_tolerance("40+-0mm") == (40, 0)
 
 
@@ -254,16 +249,15 @@ def test_a_board_that_is_read_has_its_markers_and_corners_where_the_pattern_has_
 
 
 def test_a_file_without_a_board_is_refused(tmp_path):
-    (tmp_path / "ball.txt").write_text(
-        "material glass { emission 1 1 1 } sphere a { material glass center 0 0 0 radius 1 }"
-    )
+    (tmp_path / "ball.txt").write_text("material m { emission 1 1 1 } sphere a { material m center 0 0 0 radius 1 }")
     with pytest.raises(RaytraceError, match=r"ball\.txt: has 0 pictures and 0 rectangles.*raytrace-jax board"):
         read_board(tmp_path / "ball.txt")
     path = write_board(tmp_path)
-    Image.fromarray(np.full((80, 112), 255, np.uint8)).save(tmp_path / "board_texture.png")
-    with pytest.raises(RaytraceError, match=r"board\.txt: its picture shows 0 markers.*raytrace-jax board"):
+    text = path.read_text()
+    path.write_text(text.replace("right 70 ", "right 80 "))
+    with pytest.raises(RaytraceError, match=r"markers would be 8 wide and 7 high: the rectangle has other proportions"):
         read_board(path)
-    path.write_text(path.read_text().replace("board_texture", "gone_texture"))
+    path.write_text(text.replace("board_texture", "gone_texture"))
     with pytest.raises(RaytraceError, match="gone_texture"):
         read_board(path)
 
@@ -278,9 +272,9 @@ def grid_of_markers():
 @pytest.mark.parametrize(
     ("picture", "words"),
     [
-        (charuco(8, 6, "DICT_APRILTAG_36h11"), r"0 markers of the sets that are read, DICT_4X4.* 24 of .*LTAG_36h11, "),
-        (charuco(8, 6, "DICT_ARUCO_ORIGINAL"), "24 of DICT_ARUCO_ORIGINAL, which is none of these"),
+        (charuco(8, 6, "DICT_APRILTAG_36h11"), "0 markers of the sets that are read, DICT_4X4"),
         (grid_of_markers(), "24 markers of DICT_4X4_1000 that no squares lie between: it is no ChArUco board"),
+        (np.full((80, 112), 255, np.uint8), "its picture shows 0 markers.*raytrace-jax board"),
         (charuco(5, 4, "DICT_5X5_50"), "too small: 12 corners lie between the squares of its 10 markers, and 20 are"),
     ],
 )
@@ -294,11 +288,4 @@ def test_a_board_that_cannot_be_used_says_why(picture, words, tmp_path):
         f"rectangle b {{ material p center 0 0 0 right {width} 0 0 up 0 {height} 0 }}"
     )
     with pytest.raises(RaytraceError, match=rf"board\.txt: .*{words}"):
-        read_board(path)
-
-
-def test_a_board_that_is_stretched_is_refused(tmp_path):
-    path = write_board(tmp_path)
-    path.write_text(path.read_text().replace("right 70 ", "right 80 "))
-    with pytest.raises(RaytraceError, match=r"markers would be 8 wide and 7 high: the rectangle has other proportions"):
         read_board(path)

@@ -9,20 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from raytrace_jax import RaytraceError
 from raytrace_jax.images.exif import TURNS
-from raytrace_jax.photo.geometry import (
-    LOST,
-    Setup,
-    camera_of,
-    focal_length,
-    local_map,
-    misses,
-    on_board,
-    pixel_rays,
-    principal_point,
-    project,
-    rotation_matrix,
-    see_through,
-)
+from raytrace_jax.photo import geometry
+from raytrace_jax.photo.geometry import LOST, Setup, principal_point, project, rotation_matrix
 from raytrace_jax.photo.lens import LensPrior, Turn, read_lens, uncalibrated, write_lens
 from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.photograph import PixelGrid
@@ -85,17 +73,14 @@ def test_points_are_projected_as_opencv_projects_them(lens):
     wanted, _ = cv2.projectPoints(points, pose[:3], pose[3:], matrix, np.array([*lens[:2], 0.0, 0.0]))
     np.testing.assert_allclose(project(setup, SIZE, jnp.asarray(points)), wanted[:, 0], atol=1e-8)
 
-
-@pytest.mark.parametrize("lens", LENSES)
-def test_a_pixel_s_ray_meets_what_is_projected_into_it(lens):
-    setup = setup_of(lens)
+    # A pixel's ray meets what is projected into it.
     rng = np.random.default_rng(2)
     pixels = jnp.asarray(rng.uniform([-0.5, -0.5], np.array(SIZE) - 0.5, (300, 2)))
-    origin, toward = pixel_rays(setup, SIZE, pixels)
+    origin, toward = geometry.pixel_rays(setup, SIZE, pixels)
     np.testing.assert_allclose(jnp.linalg.norm(toward, axis=0), 1, atol=1e-14)
     along = jnp.asarray(rng.uniform(50, 400, 300))
     np.testing.assert_allclose(project(setup, SIZE, (origin + along * toward).T), pixels, atol=1e-9)
-    place, distance = on_board(origin, toward)
+    place, distance = geometry.on_board(origin, toward)
     assert np.all(distance > 0)
     flat = jnp.concatenate([place, jnp.zeros((300, 1))], axis=1)
     np.testing.assert_allclose(project(setup, SIZE, flat), pixels, atol=1e-9)
@@ -103,7 +88,7 @@ def test_a_pixel_s_ray_meets_what_is_projected_into_it(lens):
 
 def test_rays_away_from_the_board_meet_nothing():
     origin = jnp.array([[0.0, 0, 10]] * 3).T
-    _, distance = on_board(origin, jnp.array([[0.0, 0, 1], [1.0, 0, 0], [0.0, 0, -1]]).T)
+    _, distance = geometry.on_board(origin, jnp.array([[0.0, 0, 1], [1.0, 0, 0], [0.0, 0, -1]]).T)
     np.testing.assert_array_equal(distance, [-1, -1, 10])
 
 
@@ -134,7 +119,8 @@ def test_rays_of_a_tilted_camera_follow_snell_s_law(index):
     setup, center, radius = setup_of(LENSES[1], [index, *BALL[1:]]), BALL[1:4], BALL[4]
     middle, size = Sight(setup, SIZE).outline
     pixels = middle + size * np.random.default_rng(4).uniform(-0.65, 0.65, (40, 2))
-    eye, toward = np.asarray(camera_of(setup).viewpoint), np.asarray(pixel_rays(setup, SIZE, jnp.asarray(pixels))[1]).T
+    eye = np.asarray(geometry.camera_of(setup).viewpoint)
+    toward = np.asarray(geometry.pixel_rays(setup, SIZE, jnp.asarray(pixels))[1]).T
     wanted, down = [], []
     for d in toward:
         b = d @ (eye - center)
@@ -144,7 +130,7 @@ def test_rays_of_a_tilted_camera_follow_snell_s_law(index):
         outer = refracted(inner, -(leave - center) / radius, index)
         wanted.append((leave - leave[2] / outer[2] * outer)[:2])
         down.append(-outer[2])
-    seen = see_through(setup, SIZE, jnp.asarray(pixels))
+    seen = geometry.see_through(setup, SIZE, jnp.asarray(pixels))
     reaches = np.array(down) > 1e-3
     np.testing.assert_array_equal(seen.valid, reaches)
     assert reaches.mean() > 0.8 and (reaches.all() or index > 1.5)
@@ -161,7 +147,7 @@ LEAST_SCALE = np.array([0.0] * 11 + [1.0] * 5)
 
 
 def places_and_reach(numbers, pixels):
-    found = see_through(Setup.of(numbers), SIZE, pixels)
+    found = geometry.see_through(Setup.of(numbers), SIZE, pixels)
     return jnp.concatenate([found.place, found.reach[:, None]], axis=1)
 
 
@@ -175,7 +161,7 @@ def places_at(numbers, pixels):
 
 @jax.jit
 def missed(numbers, pixels, places):
-    return misses(Setup.of(numbers), SIZE, pixels, places)
+    return geometry.misses(Setup.of(numbers), SIZE, pixels, places)
 
 
 @pytest.mark.slow
@@ -191,7 +177,7 @@ def test_derivatives_through_the_glass_agree_with_differences_in_both_modes(inde
     scale = np.maximum(np.max(np.abs(by_steps), axis=(0, 1)), LEAST_SCALE)
     np.testing.assert_allclose(forward / scale, by_steps / scale, atol=1e-6)
     np.testing.assert_allclose(backward / scale, forward / scale, atol=1e-11)
-    slopes = local_map(setup, SIZE, pixels)
+    slopes = geometry.local_map(setup, SIZE, pixels)
     moved = numeric(lambda step: places_at(jnp.asarray(numbers), pixels + step), np.zeros(2), [1e-4, 1e-4])
     np.testing.assert_allclose(slopes, moved, rtol=1e-5, atol=1e-7)
 
@@ -207,7 +193,7 @@ def test_values_and_derivatives_are_finite_at_the_rim_beyond_it_and_in_the_middl
     touching = focal * np.tan(np.arcsin(radius / (height - above)))
     away = touching * np.array([0, 1 - 1e-9, 1 - 1e-13, 1, 1 + 1e-13, 1 + 1e-9, 1.1, 2])
     pixels = jnp.asarray(MIDDLE + np.stack([away, 0 * away], -1))
-    seen = see_through(setup, SIZE, pixels)
+    seen = geometry.see_through(setup, SIZE, pixels)
     assert np.all(np.isfinite(seen.place)) and np.all(np.isfinite(seen.reach))
     assert seen.valid[0] and not np.any(seen.valid[-3:])
     np.testing.assert_allclose(seen.reach[2:5], 1, atol=1e-12)
@@ -285,20 +271,17 @@ def test_the_light_on_a_board_is_found_beside_ink_and_a_dark_stain():
 LENS = LensPrior(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), np.diag([0.01, 1e-4, 4e-4, 2e-4, 3e-4]) + 1e-5)
 
 
-def test_a_lens_comes_back_from_its_file(tmp_path):
-    write_lens(tmp_path / "new" / "camera.toml", LENS, (4000, 3000), "By a test.")
-    assert (tmp_path / "new" / "camera.toml").read_text().startswith("# By a test.\n")
+def test_a_lens_comes_back_from_its_file_for_pictures_of_its_shape(tmp_path):
+    path = tmp_path / "new" / "camera.toml"
+    write_lens(path, LENS, (4000, 3000), "By a test.")
+    assert path.read_text().startswith("# By a test.\n")
     for size in ((4000, 3000), (640, 480), (1001, 751)):
-        found = read_lens(tmp_path / "new" / "camera.toml", size)
+        found = read_lens(path, size)
         np.testing.assert_allclose(found.mean, LENS.mean, rtol=1e-11)
         np.testing.assert_allclose(found.covariance, LENS.covariance, rtol=1e-11)
-
-
-def test_a_lens_of_other_pictures_is_refused(tmp_path):
-    write_lens(tmp_path / "camera.toml", LENS, (4000, 3000), "By a test.")
     for size in ((3000, 4000), (1920, 1080)):
         with pytest.raises(RaytraceError, match=rf"camera\.toml: .*4000 x 3000 .* {size[0]} x {size[1]}: calibrate"):
-            read_lens(tmp_path / "camera.toml", size)
+            read_lens(path, size)
 
 
 @pytest.mark.parametrize("orientation", TURNS)
@@ -309,7 +292,7 @@ def test_a_lens_is_turned_as_its_picture_is(orientation):
 
     def reach(lens, size, pixels):
         setup = setup_of(lens[1:])._replace(fov=lens[0])
-        return np.linalg.norm(pixels - principal_point(setup, size), axis=-1) / focal_length(setup, size)
+        return np.linalg.norm(pixels - principal_point(setup, size), axis=-1) / geometry.focal_length(setup, size)
 
     stored = TURNS[orientation](np.stack([column, row], -1))
     height, width, _ = stored.shape
@@ -328,10 +311,8 @@ def test_a_lens_is_turned_as_its_picture_is(orientation):
     np.testing.assert_allclose(again.mean, LENS.mean, rtol=1e-12)
     np.testing.assert_allclose(again.covariance, LENS.covariance, rtol=1e-12)
 
-
-@pytest.mark.parametrize("orientation", TURNS)
-def test_a_lens_of_which_nothing_is_known_stays_so_when_it_is_turned(orientation):
-    found = Turn((4, 3), after=orientation).of(uncalibrated())
+    # Of which nothing is known, nothing is known when it is turned.
+    found = turn.of(uncalibrated())
     assert np.isinf(found.covariance[0, 0]) and not np.isnan(found.covariance).any()
     np.testing.assert_array_equal(found.mean, 0)
 
@@ -353,17 +334,10 @@ GOOD += "[0, 1, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 1, 0], [0, 0, 0, 0, 1]]\n"
         GOOD.replace("[1, 0, 0, 0, 0], ", ""),
         pytest.param(GOOD.replace("[4, 3]", "[4, 0]"), id="no-height"),
         pytest.param(GOOD.replace("40", "200"), id="beyond-180-degrees"),
+        pytest.param("\xff\xfe\x00", id="no-text"),
     ],
 )
 def test_what_is_no_lens_is_refused(text, tmp_path):
-    (tmp_path / "camera.toml").write_text(text)
+    (tmp_path / "camera.toml").write_bytes(text.encode("latin1"))
     with pytest.raises(RaytraceError, match=r"camera\.toml: is no lens; one as `raytrace-jax calibrate` writes it"):
-        read_lens(tmp_path / "camera.toml", (640, 480))
-
-
-def test_a_lens_s_file_that_is_missing_or_no_text_is_refused(tmp_path):
-    with pytest.raises(RaytraceError, match="no such file"):
-        read_lens(tmp_path / "camera.toml", (640, 480))
-    (tmp_path / "camera.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(RaytraceError, match="is no lens"):
         read_lens(tmp_path / "camera.toml", (640, 480))

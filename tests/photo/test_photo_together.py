@@ -4,26 +4,9 @@ import json
 from pathlib import Path
 
 import numpy as np
+import photographed_boards as boards
 import pytest
-from photographed_boards import (
-    BLUR,
-    CAMERA,
-    FOV,
-    HEIGHT,
-    INDEX,
-    NOISE,
-    PATTERN,
-    RADIUS,
-    SIZE,
-    WIDE,
-    WIDTH,
-    drawn,
-    flat_picture,
-    middles,
-    seen_by,
-    taken,
-    write_board,
-)
+from photographed_boards import HEIGHT, INDEX, PATTERN, RADIUS, SIZE, WIDTH, flat_picture
 from PIL import Image
 from scipy import ndimage
 
@@ -143,14 +126,14 @@ def test_what_was_known_and_comes_out_otherwise_is_named(off, count, name):
 def test_three_pictures_without_the_ball_calibrate_the_lens_however_the_camera_was_turned(board):
     sides = [(120.0, 20.0, 190.0), (-110.0, 60.0, 190.0), (10.0, -140.0, 180.0)]
     aside = {"lookat": (0.0, 0.0, 0.0), "center": ((WIDTH - 1) / 2 + 0.01 * WIDTH, (HEIGHT - 1) / 2 - 0.008 * WIDTH)}
-    stored = [taken(seen_by(CAMERA | {"viewpoint": side} | aside, board), 3) for side in sides]
+    stored = [boards.taken(boards.seen_by(boards.CAMERA | {"viewpoint": side} | aside, board), 3) for side in sides]
     pictures = [
         photograph_of(np.moveaxis(TURNS[turn](np.moveaxis(image, 0, -1)), -1, 0), f"turn {turn}", turn)
         for turn, image in zip((1, 3, 6), stored, strict=True)
     ]
     found = calibrate(pictures, board)
     errors = np.sqrt(np.diagonal(found.lens.covariance))
-    assert np.all(np.abs(found.lens.mean - [FOV, 0, 0, 0.01, -0.008]) < 4 * errors) and errors[0] < 0.2
+    assert np.all(np.abs(found.lens.mean - [boards.FOV, 0, 0, 0.01, -0.008]) < 4 * errors) and errors[0] < 0.2
     assert np.all(errors[3:] < 1e-3)
     assert found.size == (WIDTH, HEIGHT) and len(found.each) == len(found.sigma) == 3
 
@@ -179,13 +162,12 @@ def found_cameras(monkeypatch, lens_of):
         return FoundCamera(setup, covariance, (0.03, 0.0), corners, Corners.none(), view, 0.5)
 
     monkeypatch.setattr("raytrace_jax.photo.find_camera.find_camera", find)
-    monkeypatch.setattr("raytrace_jax.photo.find_camera.find_markers", lambda *_: None)
 
 
 LENS = LensPrior(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
 
 
-@pytest.mark.parametrize("turns", [(1, 3, 6, 8), (6, 6, 6), (2, 4, 5, 7), (8, 1, 1)])
+@pytest.mark.parametrize("turns", [(1, 3, 6, 8), (2, 4, 5, 7), (8, 1, 1)])
 def test_a_lens_is_the_same_on_the_sensor_however_the_camera_was_turned(turns, board, monkeypatch):
     found_cameras(monkeypatch, lambda _: LENS)
     shapes = [(3, WIDTH, HEIGHT) if turn > 4 else (3, HEIGHT, WIDTH) for turn in turns]
@@ -210,16 +192,16 @@ def photographed(board, setup, seed, ball=True):
     """The light of the board as a camera sees it, with a ball or without."""
     random, total = np.random.default_rng(seed), 0.0
     for _ in range(9):
-        pixels = middles() + random.uniform(-0.5, 0.5, (WIDTH * HEIGHT, 2))
-        total = total + drawn(board, setup, pixels, [setup] * ball) / 9
-    light = ndimage.gaussian_filter(0.05 + 0.8 * total, BLUR)
-    return light + NOISE * random.normal(size=light.shape)
+        pixels = boards.middles() + random.uniform(-0.5, 0.5, (WIDTH * HEIGHT, 2))
+        total = total + boards.drawn(board, setup, pixels, [setup] * ball) / 9
+    light = ndimage.gaussian_filter(0.05 + 0.8 * total, boards.BLUR)
+    return light + boards.NOISE * random.normal(size=light.shape)
 
 
 @pytest.mark.slow
 def test_a_folder_of_photographs_is_one_command(wide_board, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    write_board(tmp_path, WIDE)
+    boards.write_board(tmp_path, boards.WIDE)
     Path("photos").mkdir()
     for k, (pose, center) in enumerate([*PLACES, ([np.pi + 0.3, 0.4, 0.2, 0.0, 0.0, 330.0], [0.0, 0.0, 60.0])]):
         far = [*pose[:5], 1.35 * pose[5]]

@@ -45,18 +45,11 @@ from raytrace_jax.util.text import with_tolerance
 RULER = 100.0
 """Millimetres of the ruler on a board."""
 
-UNMEASURED = 0.1
-"""Standard deviation of a ruler that nobody measured: printers are right to about a thousandth."""
-
-DARK = 0.03
-"""Light of a photograph's brightest hundredth, of what its file can hold, below which few steps part paper and ink."""
+UNMEASURED = "100+-0.1 mm"
+"""A ruler that nobody measured: printers are right to about a thousandth."""
 
 EXIF_IS_OFF = 0.03
 """Relative standard deviation of an angle of view by EXIF: focal lengths are rounded, and focusing changes them."""
-
-USUALLY = {"srgb": "as cameras store 8 bits", "course": "linear, as more than 8 bits mostly are"}
-
-LENS_WORDS = ("angle of view", "k1", "k2", "principal point, right of the middle", "below the middle")
 
 
 def run_calibrate(command: Calibrate) -> int:
@@ -71,7 +64,8 @@ def run_calibrate(command: Calibrate) -> int:
     comment = f"A lens by raytrace-jax calibrate, from {len(photographs)} pictures of {command.board.name}."
     write_lens(command.output, found.lens, found.size, comment)
     estimates = [with_error(*one) for one in zip(found.lens.mean, found.lens.errors, strict=True)]
-    print_table("lens", ("number", "estimate"), list(zip(LENS_WORDS, estimates, strict=True)))
+    words = ("angle of view", "k1", "k2", "principal point, right of the middle", "below the middle")
+    print_table("lens", ("number", "estimate"), list(zip(words, estimates, strict=True)))
     each = [
         (path.name, with_error(lens.mean[0], lens.errors[0]), f"{sigma:.3f}")
         for path, lens, sigma in zip(command.photos, found.each, found.sigma, strict=True)
@@ -96,7 +90,8 @@ def run_photo(command: Photo) -> int:
             board = read_board(command.board)
             pictures = list(_photographs(command.photos, command.transfer))
             for _, photograph in pictures:
-                if (white := float(np.percentile(photograph.light, 99))) < DARK:
+                # Few steps of a file part paper and ink where the brightest hundredth is so dark.
+                if (white := float(np.percentile(photograph.light, 99))) < 0.03:
                     print_warning(
                         f"{photograph.name} is underexposed: its brightest hundredth has {100 * white:.1f} % of the "
                         "light that the file can hold. The index may be off by more than its error: let paper have "
@@ -248,7 +243,7 @@ def _radius(command: Photo) -> tuple[float, float]:
     with blamed_on("--radius"):
         radius, error = with_tolerance(command.radius)
     with blamed_on("--ruler"):
-        ruler, off = (RULER, UNMEASURED) if command.ruler is None else with_tolerance(command.ruler)
+        ruler, off = with_tolerance(command.ruler or UNMEASURED)
     for option, deviation, example in (("--radius", error, "24.55+-0.01mm"), ("--ruler", off, "99.93+-0.03mm")):
         if not deviation:
             print_warning(
@@ -257,8 +252,7 @@ def _radius(command: Photo) -> tuple[float, float]:
             )
     if command.ruler is None:
         print_warning(
-            f"the board's ruler was not measured and counts as {RULER:g}+-{UNMEASURED:g} mm: measure it, and state it "
-            "with --ruler."
+            f"the board's ruler was not measured and counts as {UNMEASURED}: measure it, and state it with --ruler."
         )
     return radius * RULER / ruler, radius * RULER / ruler * math.hypot(error / radius, off / ruler)
 
@@ -279,8 +273,9 @@ def _photographs(
         taken = transfer or transfer_of_camera(path)
         if taken is not None and taken not in (transfer, *told):
             told.add(taken)
+            usual = "as cameras store 8 bits" if taken == "srgb" else "linear, as more than 8 bits mostly are"
             print_warning(
-                f"{path} does not say how its colours were stored: read with --transfer {taken}, {USUALLY[taken]}"
+                f"{path} does not say how its colours were stored: read with --transfer {taken}, {usual}"
                 f"{', and so are others like it' if len(paths) > 1 else ''}; --transfer decides."
             )
         image = read_picture(path, transfer=taken)

@@ -1,48 +1,42 @@
 """The tree of plugins that Mitsuba 3 has for a scene."""
 
-import dataclasses
 import math
 from collections import Counter
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from raytrace_jax.exchange.described import Described, Material, Shape, Texture, around, overlap
 from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, LookAt, Matrix, Plugin, Point, Ref, Value
 
 
-@dataclasses.dataclass
 class MitsubaWriter:
     """A scene on its way: pictures of textures by their files, what Mitsuba does otherwise, materials of many shapes.
 
     `stem` begins the names of the files of its textures.
     """
 
-    scene: Described
-    stem: str
-    files: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    lost: list[str] = dataclasses.field(default_factory=list)
-    shared: dict[str, Plugin] = dataclasses.field(default_factory=dict)
-
-    def __post_init__(self):
-        self.glass = self.scene.glass("sphere")
-        self.users = Counter(shape.material.name for shape in self.scene.shapes)
-        self.lost += [*self.scene.lost, *_lost(self.scene)]
+    def __init__(self, scene: Described, stem: str):
+        self.scene, self.stem, self.glass = scene, stem, scene.glass("sphere")
+        self.users = Counter(shape.material.name for shape in scene.shapes)
+        self.files: dict[str, np.ndarray] = {}
+        self.shared: dict[str, Plugin] = {}
+        self.lost = [*scene.lost, *_lost(scene)]
 
     def plugins(self) -> list[Plugin]:
-        """The plugins of the scene, in the order in which they are written."""
         scene, absorbs = self.scene, any(np.any(shape.material.absorption) for shape in self.glass)
         depth: dict[str, Value] = {"max_depth": scene.settings.max_bounces + 1, "rr_depth": 1000}
         found = [Plugin("integrator", "volpath" if absorbs else "path", "", depth), self.sensor()]
         found += [self.background()] if scene.background else []
-        for light in scene.lights:
-            where = {"position": Point(_triple(light.location)), "intensity": _color(light.intensity)}
-            found.append(Plugin("emitter", "point", light.name, where))
+        for name, location, intensity in scene.lights:
+            values = {"position": Point(_triple(location)), "intensity": _color(intensity)}
+            found.append(Plugin("emitter", "point", name, values))
         shapes = [self.shape(shape) for shape in scene.shapes]  # This fills `shared`.
         return [*found, *self.shared.values(), *shapes]
 
     def sensor(self) -> Plugin:
         """The camera, with its film and how often it samples a pixel."""
-        view, said = self.scene.view, self.scene.view.said
+        view, given = self.scene.view, self.scene.view.given
         width, height = view.size
         across, upwards = float(np.linalg.norm(view.across)), float(np.linalg.norm(view.upwards))
         right, up = view.across / across, view.upwards / upwards
@@ -50,8 +44,8 @@ class MitsubaWriter:
         same = 1e-6  # Sides of pixels that differ by a smaller share are equal.
         if abs(across / width * height / upwards - 1) > same:
             self.lost.append(f"{view.name}: its pixels are no squares, as of a mapping from corner to corner")
-        fov = said.fov if said else math.degrees(2 * math.atan(across / 2 / float(view.middle @ forward)))
-        target, upright = (said.lookat, said.up) if said else (view.eye + forward, up)
+        fov = float(given.fov) if given else math.degrees(2 * math.atan(across / 2 / float(view.middle @ forward)))
+        target, upright = (given.lookat, given.up) if given else (view.eye + forward, up)
         to_world = LookAt(_triple(view.eye), _triple(target), _triple(upright))
         values: dict[str, Value] = {"fov_axis": "x", "fov": fov, "to_world": to_world}
         # How far the picture's middle is from the point that the camera looks at, in shares of the picture's sides.
@@ -68,7 +62,6 @@ class MitsubaWriter:
         return Plugin("sensor", "perspective", view.name, values)
 
     def background(self) -> Plugin:
-        """The emitter of the background, which rays see that hit nothing."""
         scene = self.scene
         if scene.sky is None or scene.sky.texels is None:
             return Plugin("emitter", "constant", scene.background, {"radiance": _color(scene.radiance)})
@@ -78,7 +71,6 @@ class MitsubaWriter:
         return Plugin("emitter", "envmap", scene.background, {"filename": name, "to_world": half_a_turn})
 
     def shape(self, shape: Shape) -> Plugin:
-        """A shape with what it is made of."""
         numbers, material, halves = shape.numbers, shape.material, np.ones(2)
         is_ball = shape.keyword == "sphere"
         values: dict[str, Value] = {}
@@ -106,8 +98,7 @@ class MitsubaWriter:
         numbers = shape.numbers
         if shape.keyword == "plane":
             # A rectangle stands for the plane, half as wide as 1000 times the scene's largest distance.
-            others = (other.numbers for other in self.scene.shapes)
-            places = [other["point" if "point" in other else "center"] for other in others]
+            places = [other.numbers.get("point", other.numbers.get("center")) for other in self.scene.shapes]
             half = 1e3 * max(float(np.linalg.norm(place - self.scene.view.eye)) for place in places)
             (right, up), center, side = (half * axis for axis in shape.axes()), numbers["point"], f"{2 * half:.3g}"
             self.lost.append(f"{shape.name}: a plane without end; a rectangle with sides of {side} stands for it")
@@ -126,9 +117,8 @@ class MitsubaWriter:
             values: dict[str, Value] = {"int_ior": material.ior, "ext_ior": 1.0 if outside is None else outside.ior}
             found, own = Plugin("bsdf", "dielectric", "", values), outside is not None
         elif material.reflectivity and not np.any(material.diffuse):
-            grey = _color(np.array(material.reflectivity))
-            found = Plugin("bsdf", "conductor", "", {"material": "none", "specular_reflectance": grey})
-            own = False
+            grey = {"material": "none", "specular_reflectance": _color(material.reflectivity)}
+            found, own = Plugin("bsdf", "conductor", "", grey), False
         else:
             found = Plugin("bsdf", "diffuse", "", {"reflectance": self.colored(shape, "diffuse", halves)})
             own = material.texture is not None and bool(np.any(material.diffuse))
@@ -201,14 +191,12 @@ def _checkerboard(texture: Texture, scale: np.ndarray, name: str, halves: np.nda
 
 
 def _medium(material: Material) -> Plugin:
-    values: dict[str, Value] = {"sigma_t": _color(np.asarray(material.absorption)), "albedo": 0.0}
-    return Plugin("medium", "homogeneous", "", values)
+    return Plugin("medium", "homogeneous", "", {"sigma_t": _color(material.absorption), "albedo": 0.0})
 
 
-def _color(values: np.ndarray) -> Color:
+def _color(values: ArrayLike) -> Color:
     return Color(_triple(values))
 
 
-def _triple(values: np.ndarray) -> tuple[float, float, float]:
-    first, second, third = np.broadcast_to(values, (3,)).tolist()
-    return first, second, third
+def _triple(values: ArrayLike) -> tuple[float, ...]:
+    return tuple(np.broadcast_to(values, (3,)).tolist())

@@ -1,29 +1,24 @@
 """The import of Mitsuba 3's scenes, as far as the physical model covers them; the rest is named."""
 
-import contextlib
 import math
 import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jax.typing import DTypeLike
 
-from raytrace_jax.errors import SceneError
+from raytrace_jax.errors import RaytraceError, SceneError
 from raytrace_jax.exchange.described import BLACK, Material, Shape
-from raytrace_jax.exchange.mitsuba.materials import read_sky
 from raytrace_jax.exchange.mitsuba.parser import check_properties, read_plugins
-from raytrace_jax.exchange.mitsuba.plugins import Plugin, color_of, number_of, numbered, place_of, transform_of
-from raytrace_jax.exchange.mitsuba.shapes import KINDS, read_shape, with_indices
+from raytrace_jax.exchange.mitsuba.plugins import Plugin, numbered
+from raytrace_jax.exchange.mitsuba.shapes import read_shape, read_sky, with_indices
 from raytrace_jax.images.exif import DIAGONAL_OF_FILM
 from raytrace_jax.scene import build
 from raytrace_jax.scene.rows import Description
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import MAX_BOUNCES
-from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.settings import RenderSettings
 
 
 def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None) -> tuple[Scene, tuple[str, ...]]:
@@ -49,20 +44,11 @@ def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None
     for plugin in plugins:
         read = getattr(reader, f"read_{plugin.tag}", None)
         if read is not None:
-            with named(path, plugin):
+            try:
                 read(plugin)
+            except RaytraceError as error:
+                raise SceneError(f"{path}: {plugin.tag} {plugin.name or plugin.kind}: {error}") from error
     return reader.scene(dtype), tuple(dict.fromkeys(reader.lost))
-
-
-@contextlib.contextmanager
-def named(path: str | os.PathLike[str], plugin: Plugin) -> Iterator[None]:
-    """Let errors say in which file and plugin they are, where they do not."""
-    try:
-        yield
-    except SceneError as error:
-        if str(error).startswith(str(path)):
-            raise
-        raise SceneError(f"{path}: {plugin.tag} {plugin.name or plugin.kind}: {error}") from error
 
 
 class _Importer:
@@ -72,11 +58,9 @@ class _Importer:
         self.path = path
         self.lost: list[str] = []
         self.camera: Description | None = None
-        self.clips: dict[str, float] = {}
         self.settings: dict[str, Any] = {"model": "physical"}
         self.background: list[Description] = []
-        self.lights: list[Description] = []
-        self.textures: list[Description] = []
+        self.others: list[Description] = []
         self.shapes: list[Shape] = []
         self.names: dict[str, set[str]] = {}
 
@@ -89,7 +73,6 @@ class _Importer:
         return found
 
     def read_integrator(self, plugin: Plugin) -> None:
-        """How often paths bounce."""
         if plugin.kind not in ("path", "volpath", "volpathmis"):
             self.lost.append(f"integrator {plugin.kind}: paths are followed")
         if plugin.values.get("hide_emitters") is True:
@@ -105,34 +88,29 @@ class _Importer:
         if self.camera is not None or plugin.kind not in ("perspective", "thinlens"):
             self.lost.append(f"sensor {plugin.name or plugin.kind} of type {plugin.kind}")
             return
-        self.clips = {key: number_of(plugin, key, 0.0) for key in ("near_clip", "far_clip") if key in plugin.values}
         self.camera = read_camera(plugin, self.name("camera", plugin.name or "eye"), self.lost)
 
     def read_emitter(self, plugin: Plugin) -> None:
-        """A light, or what is all around."""
         if plugin.kind == "point":
-            if plugin.values.get("sampling_weight") == 0:
-                raise SceneError("sampling_weight is 0, which puts it out; leave it out of the file.")
-            name, emissivity = self.name("light", plugin.name or "light"), color_of(plugin, "intensity", 1.0)
-            self.lights.append(build.light(name, location=place_of(plugin, "position"), emissivity=emissivity))
+            name, emissivity = self.name("light", plugin.name or "light"), plugin.color("intensity", 1.0)
+            self.others.append(build.light(name, location=plugin.place("position"), emissivity=emissivity))
         elif plugin.kind == "constant":
             name = self.name("background", plugin.name or "sky")
-            self.background = [build.background(name, radiance=color_of(plugin, "radiance", 1.0))]
+            self.background = [build.background(name, radiance=plugin.color("radiance", 1.0))]
         elif plugin.kind == "envmap":
             file = Path(str(plugin.values.get("filename", ""))).name
             sky = self.name("texture", file.removesuffix(".exr").split(".")[-1])
             name = self.name("background", plugin.name or "sky")
             texels = read_sky(plugin, self.path, self.lost)
-            scale = number_of(plugin, "scale", 1.0)
-            self.textures.append(build.texture(sky, kind="image", file=texels, wrap="repeat"))
+            scale = plugin.number("scale", 1.0)
+            self.others.append(build.texture(sky, kind="image", file=texels, wrap="repeat"))
             self.background = [build.background(name, radiance=(scale,) * 3, texture=sky)]
         else:
             self.lost.append(f"emitter {plugin.name or plugin.kind} of type {plugin.kind}")
 
     def read_shape(self, plugin: Plugin) -> None:
-        """A sphere or a rectangle with what it is made of."""
         called = plugin.name or plugin.kind
-        if plugin.kind not in KINDS:
+        if plugin.kind not in ("sphere", "rectangle"):
             self.lost.append(f"shape {called} of type {plugin.kind}")
             return
         lost: list[str] = []
@@ -146,17 +124,15 @@ class _Importer:
         if self.camera is None:
             raise SceneError(f"{self.path}: has no perspective sensor.")
         shapes = with_indices(self.shapes, self.lost)
-        # Matt surfaces get no light of what shines but a point.
+        # Matt surfaces get light from points alone.
         kinds = ["the sky"] if self.background else []
         kinds += ["shapes that shine"] * any(shape.material.emission != BLACK for shape in shapes)
-        matt = [shape.name for shape in shapes if shape.material.diffuse != BLACK]
-        if kinds and matt:
-            are = "is matt and lit" if len(matt) == 1 else "are matt and lit"
-            self.lost.append(f"{', '.join(matt)} {are} by point lights alone, not by {' or '.join(kinds)}")
+        if kinds:
+            lit = f"is matt and lit by point lights alone, not by {' or '.join(kinds)}"
+            self.lost += [f"{shape.name} {lit}" for shape in shapes if shape.material.diffuse != BLACK]
         materials: dict[str, tuple[Material, str]] = {}
         blocks = []
         for shape in shapes:
-            # Shapes that refer to one material have it in common, where it is the same for both.
             called = shape.material.name or f"{shape.name}_material"
             known = materials.get(called)
             if known is None or not known[0].is_like(shape.material):
@@ -165,58 +141,42 @@ class _Importer:
             construct = build.sphere if shape.keyword == "sphere" else build.rectangle
             blocks.append(construct(shape.name, material=known[1], **shape.numbers))
         settings = build.settings("main", **self.settings)
-        every = [settings, self.camera, *self.background, *self.lights, *self.textures, *blocks]
-        made = build.make_scene(*every, dtype=dtype)
-        self.refuse_clips(made, self.camera)
-        return made
-
-    def refuse_clips(self, scene: Scene, camera: Description) -> None:
-        """Refuse a `near_clip` or `far_clip` that takes something out of the picture: here all is seen."""
-        if not self.clips:
-            return
-        aov = render(scene, RenderSettings(max_bounces=0, samples=1, aov=("position", "shape_index"))).aov
-        eye = np.asarray(camera.values["viewpoint"])
-        axis = camera.values["lookat"] - eye
-        points = np.asarray(aov["position"])[:, np.asarray(aov["shape_index"]) >= 0].T
-        depths = (points - eye) @ axis / np.linalg.norm(axis)
-        for key, clip in self.clips.items():
-            if np.any(depths < clip if key == "near_clip" else depths > clip):
-                words = f"{key} {clip} cuts off what the camera sees, and here all of it is seen."
-                raise SceneError(f"{self.path}: {words}")
+        return build.make_scene(settings, self.camera, *self.background, *self.others, *blocks, dtype=dtype)
 
 
 def read_camera(sensor: Plugin, name: str, lost: list[str]) -> Description:
     """The camera of a sensor; what it has and we have not is added to `lost`."""
     if sensor.kind == "thinlens":
         lost.append("sensor thinlens: all is in focus")
-    said = sensor.values.get("film")
-    film = said if isinstance(said, Plugin) else Plugin("film", "hdrfilm", "", {})
+    film = sensor.values.get("film")
+    if not isinstance(film, Plugin):
+        film = Plugin("film", "hdrfilm", "", {})
     # Mitsuba's film has 768 x 576 pixels where nothing is said.
-    width, height = (int(number_of(film, key, side)) for key, side in (("width", 768), ("height", 576)))
+    width, height = (int(film.number(key, side)) for key, side in (("width", 768), ("height", 576)))
     lost += [f"film {key}" for key in film.values if key.startswith("crop_")]
     pixels = film.values.get("rfilter")
-    if not isinstance(pixels, Plugin) or pixels.kind != "box":
-        kind = pixels.kind if isinstance(pixels, Plugin) else "gaussian"
+    kind = pixels.kind if isinstance(pixels, Plugin) else "gaussian"
+    if kind != "box":
         lost.append(f"rfilter {kind}: a pixel is the mean over its square, as of a box")
     channels = film.values.get("pixel_format", "rgb")
     if str(channels).lower() not in ("rgb", "rgba"):
         lost.append(f"film pixel_format {channels}: a picture is red, green and blue")
-    matrix = transform_of(sensor)
+    matrix = sensor.transform()
     origin, up, forward = matrix[:3, 3], matrix[:3, 1], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
     # The axis' point that is nearest to the world's origin, if it is ahead: far off, so that little is rounded away.
     target = origin + max(1.0, float(-origin @ forward)) * forward
     if np.linalg.det(matrix[:3, :3]) < 0:
         lost.append("sensor to_world: the picture is mirrored there")
-    aside, below = (number_of(sensor, f"principal_point_offset_{axis}", 0.0) for axis in "xy")
+    aside, below = (sensor.number(f"principal_point_offset_{axis}", 0.0) for axis in "xy")
     center = {}
     if aside or below:
         center = {"center": ((0.5 - aside) * width - 0.5, (0.5 - below) * height - 0.5)}
     return build.camera(
         name,
         pixeldim=(width, height),
-        viewpoint=tuple(map(float, origin)),
-        lookat=tuple(map(float, target)),
-        up=tuple(map(float, up)),
+        viewpoint=tuple(origin.tolist()),
+        lookat=tuple(target.tolist()),
+        up=tuple(up.tolist()),
         fov=_horizontal_fov(sensor, width, height),
         **center,
     )
@@ -225,18 +185,17 @@ def read_camera(sensor: Plugin, name: str, lost: list[str]) -> Description:
 def _horizontal_fov(sensor: Plugin, width: int, height: int) -> float:
     """The horizontal angle of view in degrees, from an angle along any side or from a focal length."""
     if sensor.values.get("fov") is not None:
-        fov, axis = number_of(sensor, "fov", 0.0), str(sensor.values.get("fov_axis", "x"))
+        fov, axis = sensor.number("fov", 0.0), str(sensor.values.get("fov_axis", "x"))
     else:
         length = str(sensor.values.get("focal_length", 50.0)).removesuffix("mm")
         try:
             millimetres = float(length)
-        except ValueError as cause:
-            raise SceneError(f"focal_length is {length!r}, and a number of millimetres is wanted, as 50mm.") from cause
+        except ValueError:
+            raise SceneError(f"focal_length is {length!r}, and a number of millimetres is wanted, as 50mm.") from None
         fov, axis = math.degrees(2 * math.atan(DIAGONAL_OF_FILM / (2 * millimetres))), "diagonal"
-    if axis in ("smaller", "larger"):
-        axis = "x" if (width < height) == (axis == "smaller") else "y"
     sides = {"x": width, "y": height, "diagonal": math.hypot(width, height)}
+    sides |= {"smaller": min(width, height), "larger": max(width, height)}
     if axis not in sides:
-        raise SceneError(f"fov_axis is {axis!r}, and there are {', '.join(sides)}, smaller, larger.")
+        raise SceneError(f"fov_axis is {axis!r}, and there are {', '.join(sides)}.")
     side = sides[axis]
     return fov if side == width else math.degrees(2 * math.atan(math.tan(math.radians(fov) / 2) * width / side))

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,19 +23,6 @@ ROLES = {"bsdf", "emitter", "film", "sampler", "rfilter", "phase"}
 GREY = {"uniform": "value", "d65": "scale"}
 """Spectra that are white times a number, with that number's name; daylight is white."""
 
-SPECTRA = {*GREY, "blackbody", "discrete", "irregular", "rawconstant", "regular", "srgb"}
-"""The textures that are spectra."""
-
-
-def _mitsuba() -> ModuleType:
-    try:
-        mitsuba = importlib.import_module("mitsuba")
-        importlib.import_module("mitsuba.parser")
-        importlib.import_module("mitsuba.scalar_rgb")  # has the types of properties; the process's variant stays
-    except ImportError as cause:
-        raise RaytraceError(f"a scene of Mitsuba needs Mitsuba 3.9 or newer ({cause}): {install('mitsuba')}") from None
-    return mitsuba
-
 
 def read_plugins(path: str | os.PathLike[str]) -> list[Plugin]:
     """The plugins of a scene file, in its order, with references replaced by what they refer to.
@@ -44,7 +31,12 @@ def read_plugins(path: str | os.PathLike[str]) -> list[Plugin]:
         SceneError: the file cannot be read, or is no scene, in Mitsuba's words.
         RaytraceError: Mitsuba is missing.
     """
-    mitsuba = _mitsuba()
+    try:
+        mitsuba = importlib.import_module("mitsuba")
+        importlib.import_module("mitsuba.parser")
+        importlib.import_module("mitsuba.scalar_rgb")  # has the types of properties; the process's variant stays
+    except ImportError as cause:
+        raise RaytraceError(f"a scene of Mitsuba needs Mitsuba 3.9 or newer ({cause}): {install('mitsuba')}") from None
     before = mitsuba.file_resolver()
     # Where files are looked for: where the scene's `path` elements say, which the parser adds, and beside the scene.
     folders = mitsuba.FileResolver(before)
@@ -65,10 +57,6 @@ def read_plugins(path: str | os.PathLike[str]) -> list[Plugin]:
     return [value for value in scene.values.values() if isinstance(value, Plugin)]
 
 
-def _grey(number: float) -> Color:
-    return Color((float(number), float(number), float(number)))
-
-
 class _Tree:
     """The nodes of a parsed file as plugins, each of them one however often it is referred to."""
 
@@ -77,7 +65,6 @@ class _Tree:
         self.done: dict[int, Plugin] = {}
 
     def plugin(self, index: int) -> Plugin:
-        """A node and those in it."""
         if index in self.done:
             return self.done[index]
         node = self.state.nodes[index]
@@ -97,75 +84,70 @@ class _Tree:
         value, kind = node.props[key], node.props.type(key).name
         if kind == "ResolvedReference":
             plugin = self.plugin(value.index())
-            if plugin.tag != "texture" or plugin.kind not in SPECTRA:
+            others = ("blackbody", "discrete", "irregular", "rawconstant", "regular", "srgb")
+            if plugin.tag != "texture" or plugin.kind not in (*GREY, *others):
                 return plugin
-            scale = plugin.values.get(GREY.get(plugin.kind, ""), 1.0)
-            if plugin.kind not in GREY or not isinstance(scale, int | float):
-                raise self.error(node, f"{key} is a spectrum of type {plugin.kind}")
-            return _grey(scale)
+            scale = plugin.values.get(GREY[plugin.kind], 1.0) if plugin.kind in GREY else None
+            return self.grey(scale, node, f"{key} is a spectrum of type {plugin.kind}")
         if kind == "Spectrum":
-            if not value.is_uniform():
-                raise self.error(node, f"{key} is a spectrum by wavelengths")
-            return _grey(value.values[0])
+            scale = value.values[0] if value.is_uniform() else None
+            return self.grey(scale, node, f"{key} is a spectrum by wavelengths")
         if kind in ("Color", "Vector"):
-            x, y, z = (float(number) for number in value)
-            return Color((x, y, z)) if kind == "Color" else Point((x, y, z))
+            numbers = tuple(map(float, value))
+            return Color(numbers) if kind == "Color" else Point(numbers)
         if kind == "Transform":
             return Matrix(np.array(value.matrix))
         return str(self.mitsuba.file_resolver().resolve(value)) if key == "filename" else value
 
-    def error(self, node: Any, what: str) -> SceneError:
+    def grey(self, scale: Any, node: Any, what: str) -> Color:
+        if isinstance(scale, int | float):
+            return Color((float(scale),) * 3)
         place = self.mitsuba.parser.file_location(self.state, node)
-        return SceneError(f"{place}: {what}; three numbers of an rgb are wanted.")
+        raise SceneError(f"{place}: {what}; three numbers of an rgb are wanted.")
 
 
-class Properties(NamedTuple):
-    """The properties of one kind of plugin."""
+SHAPE = "to_world flip_normals bsdf interior exterior emitter silhouette_sampling_weight"
+DIELECTRIC = "int_ior ext_ior specular_reflectance specular_transmittance"
+CONDUCTOR = "material eta k specular_reflectance"
+ROUGH = " distribution alpha alpha_u alpha_v sample_visible"
+CAMERA = (
+    "to_world fov fov_axis focal_length principal_point_offset_x principal_point_offset_y film "
+    "sampler shutter_open shutter_close"
+)
+CAMERA_LOST = "near_clip far_clip srf medium"
+FILM = (
+    "width height pixel_format rfilter crop_width crop_height crop_offset_x crop_offset_y "
+    "file_format component_format sample_border compensate"
+)
+PATH = "max_depth hide_emitters rr_depth"
 
-    read: tuple[str, ...] = ()  # The import takes them, or names them itself where it cannot.
-    idle: tuple[str, ...] = ()  # They do not change what a long render converges to.
-    lost: tuple[str, ...] = ()  # They change it and have nothing like them here.
-
-
-SHAPE = ("to_world", "flip_normals", "bsdf", "interior", "exterior", "emitter")
-DIELECTRIC = ("int_ior", "ext_ior", "specular_reflectance", "specular_transmittance")
-CONDUCTOR = ("material", "eta", "k", "specular_reflectance")
-ROUGHNESS = ("distribution", "alpha", "alpha_u", "alpha_v")
-CAMERA = ("to_world", "fov", "fov_axis", "focal_length", "principal_point_offset_x", "principal_point_offset_y", "film")
-CAMERA_IDLE = ("sampler", "shutter_open", "shutter_close")
-CAMERA_LOST = ("near_clip", "far_clip", "srf", "medium")
-TEXTURE = ("filename", "raw", "filter_type", "wrap_mode", "to_uv")
-LIGHT_LOST = ("sampling_weight",)
-MEDIUM_IDLE = ("sample_emitters", "has_spectral_extinction", "phase")
-
-TABLE: dict[tuple[str, str], Properties] = {
-    ("shape", "sphere"): Properties((*SHAPE, "center", "radius"), ("silhouette_sampling_weight",)),
-    ("shape", "rectangle"): Properties(SHAPE, ("silhouette_sampling_weight",)),
-    ("bsdf", "diffuse"): Properties(("reflectance",)),
-    ("bsdf", "dielectric"): Properties(DIELECTRIC),
-    ("bsdf", "roughdielectric"): Properties((*DIELECTRIC, *ROUGHNESS), ("sample_visible",)),
-    ("bsdf", "conductor"): Properties(CONDUCTOR),
-    ("bsdf", "roughconductor"): Properties((*CONDUCTOR, *ROUGHNESS), ("sample_visible",)),
-    ("bsdf", "twosided"): Properties(("bsdf",)),
-    ("emitter", "area"): Properties(("radiance",), lost=LIGHT_LOST),
-    ("emitter", "point"): Properties(("position", "to_world", "intensity"), lost=LIGHT_LOST),
-    ("emitter", "constant"): Properties(("radiance",), lost=LIGHT_LOST),
-    ("emitter", "envmap"): Properties(("filename", "scale", "to_world"), ("mis_compensation",), LIGHT_LOST),
-    ("texture", "bitmap"): Properties(TEXTURE, ("format", "accel"), ("bitmap", "data")),
-    ("texture", "checkerboard"): Properties(("color0", "color1", "to_uv")),
-    ("medium", "homogeneous"): Properties(("sigma_t", "albedo", "scale"), MEDIUM_IDLE),
-    ("sensor", "perspective"): Properties(CAMERA, CAMERA_IDLE, CAMERA_LOST),
-    ("sensor", "thinlens"): Properties((*CAMERA, "aperture_radius", "focus_distance"), CAMERA_IDLE, CAMERA_LOST),
-    ("film", "hdrfilm"): Properties(
-        ("width", "height", "pixel_format", "rfilter", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"),
-        ("file_format", "component_format", "sample_border", "compensate"),
-    ),
-    ("rfilter", "box"): Properties(),
-    ("integrator", "path"): Properties(("max_depth", "hide_emitters"), ("rr_depth",)),
-    ("integrator", "volpath"): Properties(("max_depth", "hide_emitters"), ("rr_depth",)),
-    ("integrator", "volpathmis"): Properties(("max_depth", "hide_emitters"), ("rr_depth",)),
+TABLE: dict[str, tuple[str, str]] = {
+    "shape sphere": (f"{SHAPE} center radius", ""),
+    "shape rectangle": (SHAPE, ""),
+    "bsdf diffuse": ("reflectance", ""),
+    "bsdf dielectric": (DIELECTRIC, ""),
+    "bsdf roughdielectric": (DIELECTRIC + ROUGH, ""),
+    "bsdf conductor": (CONDUCTOR, ""),
+    "bsdf roughconductor": (CONDUCTOR + ROUGH, ""),
+    "bsdf twosided": ("bsdf", ""),
+    "emitter area": ("radiance", "sampling_weight"),
+    "emitter point": ("position to_world intensity", "sampling_weight"),
+    "emitter constant": ("radiance", "sampling_weight"),
+    "emitter envmap": ("filename scale to_world mis_compensation", "sampling_weight"),
+    "texture bitmap": ("filename raw filter_type wrap_mode to_uv format accel", "bitmap data"),
+    "texture checkerboard": ("color0 color1 to_uv", ""),
+    "medium homogeneous": ("sigma_t albedo scale sample_emitters has_spectral_extinction phase", ""),
+    "sensor perspective": (CAMERA, CAMERA_LOST),
+    "sensor thinlens": (f"{CAMERA} aperture_radius focus_distance", CAMERA_LOST),
+    "film hdrfilm": (FILM, ""),
+    "rfilter box": ("", ""),
+    "integrator path": (PATH, ""),
+    "integrator volpath": (PATH, ""),
+    "integrator volpathmis": (PATH, ""),
 }
-"""The plugins that the import reads, by tag and kind (Mitsuba 3.9's documentation of plugins)."""
+"""Properties of the plugins that the import reads (Mitsuba 3.9's documentation of plugins). The first ones it takes,
+names itself where it cannot, or they do not change what a long render converges to; the second have nothing like them
+here, and are named."""
 
 
 def check_properties(plugins: Iterable[Plugin], path: str, lost: list[str]) -> None:
@@ -180,18 +162,19 @@ def check_properties(plugins: Iterable[Plugin], path: str, lost: list[str]) -> N
     left, seen = list(plugins), set[int]()
     while left:
         plugin = left.pop(0)
-        known = TABLE.get((plugin.tag, plugin.kind))
-        if known is None or id(plugin) in seen:
+        found = TABLE.get(f"{plugin.tag} {plugin.kind}")
+        if found is None or id(plugin) in seen:
             continue
         seen.add(id(plugin))
+        taken, gone = (names.split() for names in found)
         called = f"{plugin.tag} {plugin.name or plugin.kind}"
         for key in plugin.values:
             # A second plugin of a role has its number behind it: "bsdf 2".
             name = key.partition(" ")[0]
-            if name in known.lost:
+            if name in gone:
                 lost.append(f"{called}: {name}")
-            elif name not in (*known.read, *known.idle):
-                have = (*known.read, *known.lost, *known.idle)
+            elif name not in taken:
+                have = [*taken, *gone]
                 raise SceneError(
                     f"{path}: {called}: it has no {name}.{did_you_mean(name, have)} There are {', '.join(have)}."
                 )

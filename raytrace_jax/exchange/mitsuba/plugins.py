@@ -2,8 +2,8 @@
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
-from xml.sax.saxutils import quoteattr
+from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
@@ -13,18 +13,14 @@ from raytrace_jax.errors import SceneError
 class Color(NamedTuple):
     """Three numbers, red, green and blue, scene-linear."""
 
-    values: tuple[float, float, float]
+    values: tuple[float, ...]
 
 
 class Point(NamedTuple):
-    """A place in the world."""
-
-    values: tuple[float, float, float]
+    values: tuple[float, ...]
 
 
 class LookAt(NamedTuple):
-    """A camera's place, the point it looks at, and what is upright."""
-
     origin: tuple[float, ...]
     target: tuple[float, ...]
     up: tuple[float, ...]
@@ -50,38 +46,30 @@ class Plugin(NamedTuple):
     name: str  # Its id; empty where it has none.
     values: "Mapping[str, Value]"
 
+    def value(self, key: str, kinds: Any, default: Any) -> Any:
+        """A property. Raises SceneError if it is none of these kinds of values."""
+        found = self.values.get(key, default)
+        if isinstance(found, bool) or not isinstance(found, kinds):
+            wanted = {Matrix: "a transform", Point: "a point", int | float: "a number"}.get(kinds, "a colour")
+            raise SceneError(f"{key} is {found!r}, and {wanted} is wanted.")
+        return found
 
-def transform_of(plugin: Plugin, key: str = "to_world") -> np.ndarray:
-    """A transform of a plugin, 4 x 4; the identity where it has none. Raises SceneError if it is something else."""
-    found = plugin.values.get(key, Matrix(np.eye(4)))
-    if not isinstance(found, Matrix):
-        raise SceneError(f"its {key} is no transform.")
-    return found.values
+    def number(self, key: str, default: float) -> float:
+        return float(self.value(key, int | float, default))
 
+    def color(self, key: str, default: float) -> tuple[float, ...]:
+        """A colour; one number is grey."""
+        found = self.value(key, Color | int | float, default)
+        return found.values if isinstance(found, Color) else (float(found),) * 3
 
-def number_of(plugin: Plugin, key: str, default: float) -> float:
-    """A number of a plugin. Raises SceneError if it is something else."""
-    found = plugin.values.get(key, default)
-    if isinstance(found, bool) or not isinstance(found, int | float):
-        raise SceneError(f"{key} is {found!r}, and a number is wanted.")
-    return float(found)
+    def transform(self, key: str = "to_world") -> np.ndarray:
+        """A transform, 4 x 4; the identity where there is none."""
+        return self.value(key, Matrix, Matrix(np.eye(4))).values
 
-
-def color_of(plugin: Plugin, key: str, default: float) -> tuple[float, float, float]:
-    """A colour of a plugin; one number is grey. Raises SceneError if it is something else."""
-    found = plugin.values.get(key, default)
-    if isinstance(found, int | float):
-        return float(found), float(found), float(found)
-    if not isinstance(found, Color):
-        raise SceneError(f"{key} is {type(found).__name__.lower()}, and a colour is wanted.")
-    return found.values
-
-
-def place_of(plugin: Plugin, key: str) -> tuple[float, ...]:
-    """Where a point of a plugin lies after its transform; that point is the origin where it says none."""
-    point = plugin.values.get(key)
-    place = point.values if isinstance(point, Point) else (0.0, 0.0, 0.0)
-    return tuple(map(float, (transform_of(plugin) @ np.array([*place, 1.0]))[:3]))
+    def place(self, key: str) -> tuple[float, ...]:
+        """Where a point lies after the plugin's transform; that point is the origin where none is given."""
+        point = self.value(key, Point, Point((0.0, 0.0, 0.0))).values
+        return tuple((self.transform() @ np.array([*point, 1.0]))[:3].tolist())
 
 
 def numbered(name: str, between: str = " ") -> Iterable[str]:
@@ -95,9 +83,6 @@ UPSIDE_DOWN = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 1.0], [0.0, 0.0, 
 Value = Plugin | Ref | Color | Point | LookAt | Matrix | bool | int | float | str
 
 
-INDENT = "    "
-
-
 def xml_text(plugins: Sequence[Plugin], lost: Iterable[str], path: str) -> str:
     """The XML of a scene, with the command in its head that renders `path`."""
     head = [
@@ -107,45 +92,35 @@ def xml_text(plugins: Sequence[Plugin], lost: Iterable[str], path: str) -> str:
     ]
     # Two hyphens in a row would end the comment.
     comment = "\n".join(line.replace("--", "- -") for line in head)
-    body = "\n".join(_element(plugin, "", 1) for plugin in plugins)
-    return f'<?xml version="1.0" encoding="utf-8"?>\n<!--\n{comment}\n-->\n<scene version="3.0.0">\n{body}\n</scene>\n'
+    scene = Element("scene", version="3.0.0")
+    for plugin in plugins:
+        _add(scene, "", plugin)
+    indent(scene, "    ")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n<!--\n{comment}\n-->\n{tostring(scene, encoding="unicode")}\n'
 
 
-def _element(plugin: Plugin, role: str, depth: int) -> str:
-    """A plugin as an element; `role` is its name in the one around it."""
-    attributes = {"type": plugin.kind} | ({"id": plugin.name} if plugin.name else {}) | ({"name": role} if role else {})
-    start = f"{INDENT * depth}<{plugin.tag} {_attributes(attributes)}"
-    if not plugin.values:
-        return f"{start}/>"
-    lines = [_value(name, value, depth + 1) for name, value in plugin.values.items()]
-    return "\n".join([f"{start}>", *lines, f"{INDENT * depth}</{plugin.tag}>"])
-
-
-def _value(name: str, value: Value, depth: int) -> str:
-    def simple(tag: str, **attributes: str) -> str:
-        return f"{INDENT * depth}<{tag} {_attributes(attributes)}/>"
-
+def _add(parent: Element, name: str, value: Value) -> None:
+    """Add a value to an element, by its name there."""
     if isinstance(value, Plugin):
-        return _element(value, "" if name in (value.tag, "emitter", "bsdf") else name, depth)
-    if isinstance(value, Ref):
-        return simple("ref", id=value.name) if name == "bsdf" else simple("ref", name=name, id=value.name)
-    if isinstance(value, bool | int | float | str):
-        tag = {bool: "boolean", int: "integer", float: "float", str: "string"}[type(value)]
-        return simple(tag, name=name, value=str(value).lower() if isinstance(value, bool) else str(value))
-    if isinstance(value, Color):
-        return simple("rgb", name=name, value=_row(value.values))
-    if isinstance(value, Point):
-        return simple("point", name=name, **dict(zip("xyz", map(repr, value.values), strict=True)))
-    if isinstance(value, LookAt):
-        inner = f"<lookat {_attributes({key: _row(vector) for key, vector in value._asdict().items()})}/>"
+        role = "" if name in (value.tag, "emitter", "bsdf") else name
+        said = {"type": value.kind, "id": value.name, "name": role}
+        element = SubElement(parent, value.tag, {key: word for key, word in said.items() if word})
+        for key, inner in value.values.items():
+            _add(element, key, inner)
+    elif isinstance(value, Ref):
+        SubElement(parent, "ref", {} if name == "bsdf" else {"name": name}, id=value.name)
+    elif isinstance(value, LookAt):
+        rows = {key: _row(vector) for key, vector in value._asdict().items()}
+        SubElement(SubElement(parent, "transform", name=name), "lookat", rows)
+    elif isinstance(value, Matrix):
+        SubElement(SubElement(parent, "transform", name=name), "matrix", value=_row(value.values.ravel()))
+    elif isinstance(value, Color):
+        SubElement(parent, "rgb", name=name, value=_row(value.values))
+    elif isinstance(value, Point):
+        SubElement(parent, "point", {"name": name, **dict(zip("xyz", map(repr, value.values), strict=True))})
     else:
-        inner = f"<matrix value={quoteattr(_row(value.values.ravel()))}/>"
-    outer, within = INDENT * depth, INDENT * (depth + 1)
-    return f"{outer}<transform name={quoteattr(name)}>\n{within}{inner}\n{outer}</transform>"
-
-
-def _attributes(values: dict[str, str]) -> str:
-    return " ".join(f"{key}={quoteattr(value)}" for key, value in values.items())
+        tag = {bool: "boolean", int: "integer", float: "float", str: "string"}[type(value)]
+        SubElement(parent, tag, name=name, value=str(value).lower() if isinstance(value, bool) else str(value))
 
 
 def _row(values: Iterable[float]) -> str:
@@ -180,15 +155,14 @@ if __name__ == "__main__":
 
 
 def _literal(value: Value, depth: int) -> str:
-    """A value as Python writes it."""
     if isinstance(value, Plugin):
-        inner = INDENT * (depth + 1)
+        inner = "    " * (depth + 1)
         rows = [f"{inner}'type': {value.kind!r},"]
         rows += [
             f"{inner}{name!r}: {f'str(HERE / {entry!r})' if name == 'filename' else _literal(entry, depth + 1)},"
             for name, entry in value.values.items()
         ]
-        return "\n".join(["{", *rows, INDENT * depth + "}"])
+        return "\n".join(["{", *rows, "    " * depth + "}"])
     if isinstance(value, Ref):
         return f"{{'type': 'ref', 'id': {value.name!r}}}"
     if isinstance(value, Color):

@@ -1,19 +1,28 @@
-"""Shapes of Mitsuba's spheres and rectangles, with what they are made of."""
+"""Mitsuba's spheres and rectangles with their materials, textures and media, and its skies."""
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from raytrace_jax.exchange.described import BLACK, Shape, around
-from raytrace_jax.exchange.mitsuba.materials import read_bsdf, read_medium, read_radiance
-from raytrace_jax.exchange.mitsuba.plugins import Plugin, number_of, place_of, transform_of
+from raytrace_jax.errors import SceneError
+from raytrace_jax.exchange.described import BLACK, Material, Shape, Texture, around
+from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, Plugin, Value
+from raytrace_jax.images.pictures import read_picture
 
-KINDS = ("sphere", "rectangle")
-"""Kinds of shapes that are read."""
+WHITE, GREY = (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)
+
+INDICES = {
+    "vacuum": 1.0, "helium": 1.000036, "hydrogen": 1.000132, "air": 1.000277, "carbon dioxide": 1.00045,
+    "water": 1.3330, "acetone": 1.36, "ethanol": 1.361, "carbon tetrachloride": 1.461, "glycerol": 1.4729,
+    "benzene": 1.501, "silicone oil": 1.52045, "bromine": 1.661, "water ice": 1.31, "fused quartz": 1.458,
+    "pyrex": 1.470, "acrylic glass": 1.49, "polypropylene": 1.49, "bk7": 1.5046, "sodium chloride": 1.544,
+    "amber": 1.55, "pet": 1.5750, "diamond": 2.419,
+}  # fmt: skip
+"""The indices of refraction that Mitsuba has names for (its source, `ior.h`)."""
 
 
 def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: list[str]) -> Shape | None:
@@ -29,7 +38,7 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
     surface = read_bsdf(plugin, path, halves, lost)
     inner, outer = "interior", "exterior"
     # A mirrored sphere's normals point inwards as well (those of a rectangle follow from its sides).
-    is_mirrored = np.linalg.det(transform_of(plugin)[:3, :3]) < 0
+    is_mirrored = np.linalg.det(plugin.transform()[:3, :3]) < 0
     if not is_flat and is_mirrored != (plugin.values.get("flip_normals") is True):
         if surface.inside and "emitter" not in plugin.values:
             surface = dataclasses.replace(surface, inside=surface.outside, outside=surface.inside)
@@ -51,19 +60,18 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
 def _numbers(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
     """The numbers of a sphere or a rectangle; None for an ellipsoid, and a rectangle that is askew."""
     # Lengths that differ by a smaller share are equal, and directions that lean less are at right angles.
-    matrix, equal = transform_of(plugin), 1e-9
+    matrix, equal = plugin.transform(), 1e-9
     if plugin.kind == "sphere":
-        gram, radius = matrix[:3, :3].T @ matrix[:3, :3], number_of(plugin, "radius", 1.0)
+        gram, radius = matrix[:3, :3].T @ matrix[:3, :3], plugin.number("radius", 1.0)
         if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=0, atol=equal * np.abs(gram).max()):
             lost.append("its to_world makes it an ellipsoid")
             return None
-        return {"center": place_of(plugin, "center"), "radius": radius * math.sqrt(gram[0, 0])}
+        return {"center": plugin.place("center"), "radius": radius * math.sqrt(gram[0, 0])}
     right, up = matrix[:3, 0], matrix[:3, 1]
     if abs(right @ up) > equal * np.linalg.norm(right) * np.linalg.norm(up):
         lost.append("its sides are not at right angles")
         return None
-    vectors = {"center": matrix[:3, 3], "right": right, "up": up}
-    return {key: tuple(map(float, vector)) for key, vector in vectors.items()}
+    return {"center": tuple(matrix[:3, 3].tolist()), "right": tuple(right.tolist()), "up": tuple(up.tolist())}
 
 
 def with_indices(shapes: Sequence[Shape], lost: list[str]) -> list[Shape]:
@@ -83,3 +91,188 @@ def with_indices(shapes: Sequence[Shape], lost: list[str]) -> list[Shape]:
     ]
     by_name = {shape.name: shape for shape in done}
     return [by_name.get(shape.name, shape) for shape in shapes]
+
+
+def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[str]) -> Material:
+    """Read what a surface does with light; what it has and we have not is added to `lost`."""
+    # Wrappers are taken off, but for what they do: the material within is read, by the outermost name that there is.
+    bsdf = shape.values.get("bsdf")
+    if not isinstance(bsdf, Plugin):
+        return Material("", diffuse=GREY)
+    name = bsdf.name
+    while bsdf.kind in ("twosided", "mask", "bumpmap", "normalmap"):
+        if bsdf.kind != "twosided":
+            lost.append(f"bsdf {bsdf.kind}; what it covers is taken")
+        inner = [value for value in bsdf.values.values() if isinstance(value, Plugin) and value.tag == "bsdf"]
+        if not inner:
+            raise SceneError(f"bsdf {bsdf.kind} has no bsdf in it.")
+        if len(inner) > 1:
+            lost.append("the second bsdf, of its back; both sides have the first")
+        bsdf = inner[0]
+        name = name or bsdf.name
+
+    # Glass and mirrors are smooth here; all else is matt.
+    smooth = bsdf.kind.removeprefix("rough")
+    if smooth != bsdf.kind and smooth in ("dielectric", "conductor"):
+        lost.append(f"bsdf {bsdf.kind}; it is smooth")
+    values = bsdf.values
+    if smooth == "dielectric":
+        tints = ("specular_reflectance", "specular_transmittance")
+        lost += [key for key in tints if values.get(key) not in (None, 1, Color(WHITE))]
+        inside, outside = _index(values.get("int_ior", "bk7")), _index(values.get("ext_ior", "air"))
+        return Material(name, transmission=1.0, inside=inside, outside=outside, ior=inside / outside)
+    if smooth == "conductor":
+        if values.get("material", "none") != "none" or {"eta", "k"} & values.keys():
+            lost.append("a metal; it is a mirror without colour of its own")
+        color = values.get("specular_reflectance", Color(WHITE))
+        numbers = color.values if isinstance(color, Color) else WHITE
+        has_color = len(set(numbers)) > 1
+        if has_color or not isinstance(color, Color):
+            lost.append("specular_reflectance with a colour; a mirror has one reflectivity")
+        return Material(name, reflectivity=float(np.mean(numbers)) if has_color else numbers[0])
+    if smooth != "diffuse":
+        lost.append(f"bsdf {bsdf.kind}; it is matt and grey")
+        return Material(name, diffuse=GREY)
+    color, texture = _colored(bsdf, "reflectance", 0.5, path, halves, lost)
+    return Material(name, diffuse=color, texture=texture)
+
+
+def read_radiance(shape: Plugin, path: Path, halves: np.ndarray | None, surface: Material, lost: list[str]) -> Material:
+    """The surface with the light of its own."""
+    emitter = shape.values.get("emitter")
+    if not isinstance(emitter, Plugin):
+        return surface
+    if emitter.kind != "area":
+        lost.append(f"emitter of type {emitter.kind}")
+        return surface
+    color, texture = _colored(emitter, "radiance", 1.0, path, halves, lost)
+    if surface.texture is not None and not surface.texture.is_like(texture):
+        lost.append("its reflectance has another texture than its radiance, which is taken")
+    elif surface.texture is None and texture is not None and surface.diffuse != BLACK:
+        lost.append("its radiance has a texture and its reflectance none; both have it")
+    return dataclasses.replace(surface, emission=color, texture=texture)
+
+
+def read_medium(medium: Value | None, surface: Material, lost: list[str]) -> Material:
+    """The surface with what its inside absorbs."""
+    if not isinstance(medium, Plugin):
+        return surface
+    if medium.kind != "homogeneous" or not isinstance(medium.values.get("sigma_t", 1.0), Color | int | float):
+        lost.append(f"a medium of type {medium.kind}")
+        return surface
+    albedo, scale = medium.values.get("albedo", 0.75), medium.number("scale", 1.0)
+    if albedo.values != BLACK if isinstance(albedo, Color) else albedo != 0:
+        lost.append("a medium that scatters; it absorbs")
+    return dataclasses.replace(surface, absorption=tuple(scale * x for x in medium.color("sigma_t", 1.0)))
+
+
+def _colored(
+    plugin: Plugin, key: str, default: float, path: Path, halves: np.ndarray | None, lost: list[str]
+) -> tuple[tuple[float, ...], Texture | None]:
+    """A colour of a plugin and the texture that it scales."""
+    value = plugin.values.get(key)
+    if not isinstance(value, Plugin):
+        return plugin.color(key, default), None
+    texture = _texture(value, path, np.ones(2) if halves is None else halves, lost)
+    if texture is None:
+        return GREY, None
+    if halves is None:
+        lost.append("a texture on a sphere; it has the mean colour")
+        return texture.mean, None
+    return WHITE, texture
+
+
+def _index(value: Value) -> float:
+    """An index of refraction, as a number or by its name."""
+    if isinstance(value, str):
+        value = INDICES.get(value.lower(), value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+        raise SceneError(f"the index {value!r} is no number above 0; there are names: {', '.join(INDICES)}.")
+    return float(value)
+
+
+CLOSE = 1e-5
+"""Numbers of which one program has rounded the other's differ by at most this share."""
+
+
+def _texture(plugin: Plugin, path: Path, halves: np.ndarray, lost: list[str]) -> Texture | None:
+    """A texture on a rectangle whose sides are twice `halves`; None where it is of a kind that we have not."""
+    to_uv = plugin.transform("to_uv")
+    if plugin.kind == "checkerboard":
+        return _checkerboard(plugin, to_uv, halves, lost)
+    if plugin.kind != "bitmap":
+        lost.append(f"a texture of type {plugin.kind}")
+        return None
+    texels = _picture(plugin, path)
+    if not np.allclose(to_uv, UPSIDE_DOWN):
+        texels = texels[:, ::-1]
+        if not np.allclose(to_uv, np.eye(4)):
+            lost.append("a bitmap with a to_uv; it lies on the whole rectangle")
+    wrap = str(plugin.values.get("wrap_mode", "repeat"))
+    if wrap == "mirror":
+        lost.append("a bitmap that is mirrored beyond its border; its border goes on")
+    smooth = str(plugin.values.get("filter_type", "bilinear"))
+    return Texture(plugin.name, texels=texels, filter=smooth, wrap="repeat" if wrap == "repeat" else "clamp")
+
+
+def _checkerboard(plugin: Plugin, to_uv: np.ndarray, halves: np.ndarray, lost: list[str]) -> Texture | None:
+    defaults = {"color0": 0.4, "color1": 0.2}
+    if any(isinstance(plugin.values.get(key), Plugin) for key in defaults):
+        lost.append("a checkerboard of textures")
+        return None
+    colors = [plugin.color(key, default) for key, default in defaults.items()]
+    scales, shifts = np.diag(to_uv)[:2], to_uv[:2, 3]
+    if np.any(to_uv[[0, 1], [1, 0]]) or not np.all(scales > 0):
+        lost.append("a checkerboard that is turned")
+        return None
+    # A square is half a unit of Mitsuba's; the numbers are the shortest that give its transform.
+    squares = halves / scales
+    if abs(squares[0] / squares[1] - 1) > CLOSE:
+        lost.append("a checkerboard whose fields are no squares; those of its width are taken")
+    square = _shortest(float(squares[0]), lambda side: halves[0] / side == scales[0])
+
+    def start_of(half: float, shift: float) -> float:
+        return _shortest(float(-2 * square * shift - half), lambda start: -(half + start) / (2 * square) == shift)
+
+    return Texture(plugin.name, colors=tuple(colors), square=square, offset=tuple(map(start_of, halves, shifts)))
+
+
+def _shortest(number: float, gives: Callable[[float], bool]) -> float:
+    """The number near another one that has the fewest digits of those that give the same; else the number."""
+    tried = (float(f"{number:.{digits}g}") for digits in range(1, 18))
+    return next((candidate for candidate in tried if gives(candidate)), number)
+
+
+def read_sky(plugin: Plugin, path: Path, lost: list[str]) -> np.ndarray:
+    """The picture all around, as `background` takes it.
+
+    Mitsuba's first and last row lie at the poles; ours are in the middle of as many strips.
+    """
+    texels = _picture(plugin, path)
+    turn = plugin.transform()
+    if not np.allclose(turn[1, [0, 2]], 0) or not np.isclose(turn[1, 1], 1):
+        lost.append("envmap: it is turned about another axis than y; it stands upright")
+        turn = np.eye(4)
+    # Ours is theirs after half a turn: what is left of the turn moves columns.
+    angle = np.arctan2(turn[0, 2], turn[0, 0]) + np.pi
+    columns = angle / (2 * np.pi) * texels.shape[2]
+    whole = round(columns)
+    if abs(columns - whole) > CLOSE:
+        lost.append("envmap: its turn is no whole number of columns; the nearest is taken")
+    texels = np.roll(texels, -whole % texels.shape[2], axis=2)
+    between, means = texels[:, 1::2], (texels[:, :-1] + texels[:, 1:]) / 2
+    if texels.shape[1] % 2 and texels.shape[1] > 1:
+        inner = (between[:, :-1] + between[:, 1:]) / 2
+        poles = np.stack([between[:, 0], between[:, -1]], axis=1)
+        scale = CLOSE * max(float(np.abs(texels).max()), 1e-30)
+        if np.allclose(texels[:, 2:-1:2], inner, 0, scale) and np.allclose(texels[:, [0, -1]], poles, 0, scale):
+            return between
+    lost.append("envmap: its rows lie at the poles; the means of each two are taken")
+    return means if means.shape[1] else texels
+
+
+def _picture(plugin: Plugin, path: Path) -> np.ndarray:
+    name = plugin.values.get("filename")
+    if not isinstance(name, str):
+        raise SceneError(f"{plugin.tag} {plugin.kind} has no filename.")
+    return read_picture(path.parent / name, transfer="course" if plugin.values.get("raw") is True else "srgb")
