@@ -147,7 +147,7 @@ def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
     rows, _ = best_films(known, np.stack([start, start]), light, 1)
     assert rows[0, 2] == 1 and rows[0, 1] == pytest.approx(0.9)
     powers = posed_problem(SCENE, target, [*free, "film.gamma"], SETTINGS, WEIGHTS)
-    assert powers.linear_indices == ()
+    assert powers.camera.linear_indices == ()
 
 
 def test_of_a_small_picture_all_pixels_that_count_are_looked_at():
