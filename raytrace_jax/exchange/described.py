@@ -217,10 +217,10 @@ def _material(scene: Scene, block: Block, lost: list[str]) -> Material:
     if 0 < numbers["transmission"] < 1 or (numbers["transmission"] and np.any(numbers["emission"])):
         lost.append(f"{block.name}: glass that is something else as well; it is written as clear glass")
     texture = block.refers_to(scene, "texture")
-    colors = [numbers[name] for name in ("diffuse", "emission", "absorption")]
+    diffuse, emission, absorption = (numbers[name] for name in ("diffuse", "emission", "absorption"))
     reflectivity, transmission = (float(numbers[name]) for name in ("reflectivity", "transmission"))
     shown = _texture(scene, texture) if texture else None
-    return Material(block.name, *colors, float(ior), reflectivity, transmission, shown)
+    return Material(block.name, diffuse, emission, absorption, float(ior), reflectivity, transmission, shown)
 
 
 def _texture(scene: Scene, block: Block) -> Texture:

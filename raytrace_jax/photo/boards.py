@@ -16,9 +16,6 @@ from raytrace_jax.scene.reader import parse_scene
 from raytrace_jax.util.files import read_bytes
 from raytrace_jax.util.text import install
 
-LEAST_MARKERS = 6
-"""The fewest markers of a board."""
-
 LEAST_CORNERS = 20
 """The fewest corners of a board, and of a photograph; a camera has up to nine free numbers."""
 
@@ -141,7 +138,7 @@ def _markers_in(
     """The dictionary of a board's markers, their numbers, and their corners in the texture."""
     dark, light = np.percentile(texture, (5, 95))
     grey = np.round(255 * np.clip((texture - dark) / max(light - dark, 1e-9), 0, 1)).astype(np.uint8)
-    best = ("", np.zeros(0, int), np.zeros((0, 4, 2)))
+    least, best = 6, ("", np.zeros(0, int), np.zeros((0, 4, 2)))
     # Of equal markers the largest set comes first.
     for name in (f"DICT_{n}X{n}_{count}" for n in (5, 4, 6, 7) for count in (1000, 250, 100, 50)):
         corners, ids = decoded(grey, name)
@@ -151,12 +148,12 @@ def _markers_in(
             middle = found.mean(axis=1, keepdims=True)
             side = np.linalg.norm(found[:, :1] - found[:, 1:2], axis=-1, keepdims=True)
             best = name, ids, middle + (found - middle) * (side + 1) / side
-        if len(best[1]) >= LEAST_MARKERS:
+        if len(best[1]) >= least:
             break
-    if len(best[1]) < LEAST_MARKERS:
+    if len(best[1]) < least:
         raise RaytraceError(
             f"{path}: its picture shows {len(best[1])} markers of the sets that are read, DICT_4X4, DICT_5X5, "
-            f"DICT_6X6 and DICT_7X7 of 50 to 1000. A board has {LEAST_MARKERS} at least: make one with "
+            f"DICT_6X6 and DICT_7X7 of 50 to 1000. A board has {least} at least: make one with "
             "`raytrace-jax board`."
         )
     return best

@@ -24,9 +24,6 @@ CORNER_FLOOR = 0.015
 the shape of the blur, moves its neighbours too. In rooms by POV-Ray .01 to .02 do the same; with .03 good corners count
 for too little, and errors are too large."""
 
-ROBUST = 2.5
-"""Corners that are off by more standard deviations count less."""
-
 
 class PhotoView(NamedTuple):
     """A photograph in the adjustment.
@@ -131,8 +128,8 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
     """Find the numbers at which corners miss least.
 
     Lens, index and radius are common to all views. In each what is seen directly and what through the glass has its own
-    scatter, told from the median of its misses. Corners beyond `ROBUST` of it count as in Huber's loss (1964), in the
-    last round those beyond twice that not at all.
+    scatter, told from the median of its misses. Corners beyond 2.5 times that count as in Huber's loss (1964), in the
+    last round those beyond 5 times that not at all.
 
     Args:
         views: photographs with one camera of one ball; the first begins with what is common. One without corners
@@ -152,10 +149,10 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
         counting = [n[u] for n, u in zip(lengths, used, strict=True)]
         factors = [max(float(np.median(n)) / 1.1774, 1.0) if len(n) else 1.0 for n in counting]
         off = [n / factor for n, factor in zip(lengths, factors, strict=True)]
-        used = [one < 2 * ROBUST for one in off]
+        used = [one < 5.0 for one in off]
         weights = [u.astype(float) for u in used]
         if rounds_left:
-            weights = [np.minimum(1, ROBUST / np.maximum(one, TINY)) for one in off]
+            weights = [np.minimum(1, 2.5 / np.maximum(one, TINY)) for one in off]
         rows = zip(weights, factors, believed, strict=True)
         system.factors = [np.sqrt(weight) / (factor * sigma) for weight, factor, sigma in rows]
         x = least_squares(system.residual, x, jac=system.jacobian, max_nfev=60).x  # pyright: ignore[reportArgumentType]

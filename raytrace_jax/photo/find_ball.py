@@ -17,9 +17,6 @@ from raytrace_jax.photo.outline import Disc, NoBall
 from raytrace_jax.photo.photograph import Photograph, PixelGrid
 from raytrace_jax.photo.sight import Sight
 
-LEAST_ALIKE, SURELY_ALIKE = 0.35, 0.6
-"""The least correlation of a photograph and a drawing of the same, and that from which on no other disc is tried."""
-
 
 def find_ball(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: float, discs: list[Disc]) -> Setup:
     """The set-up with a ball: in the disc, and with the index, in which it looks best.
@@ -35,6 +32,7 @@ def find_ball(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: f
     """
     # A quick look says which are likely; the first that shows the board well is the ball.
     name, glance = photograph.name, []
+    least, sure = 0.35, 0.6  # The least correlation of photograph and drawing, and that which ends the search.
     found: list[tuple[float, Disc, Setup]] = []
     # The ball is about so many pixels wide; through one that is far from a large board many small squares are seen.
     for width in (56, 130):
@@ -43,12 +41,12 @@ def find_ball(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: f
         for k in np.argsort(-np.array(glance)):
             alike, candidate = trials[k].best()
             found.append((alike, discs[k], candidate))
-            if alike > SURELY_ALIKE:
+            if alike > sure:
                 break
-        if found[-1][0] > SURELY_ALIKE:
+        if found[-1][0] > sure:
             break
     alike, first, best = max(found, key=lambda one: one[0])
-    if alike < LEAST_ALIKE:
+    if alike < least:
         how = "shows no board" if alike == -1 else f"does not look like the board (correlation {alike:.2f})"
         raise NoBall(
             f"{name}: what is seen through the ball {how}: put the ball so that some squares are seen through it, "
@@ -56,7 +54,7 @@ def find_ball(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: f
         )
     for disc, looks in zip(discs, glance, strict=True):
         is_beside = np.hypot(*(disc.center - first.center)) > disc.radius + first.radius
-        if is_beside and looks > LEAST_ALIKE:
+        if is_beside and looks > least:
             raise PictureError(
                 f"{name}: the board is seen through two balls, at {first}, and at {disc}; one is wanted, or --ball "
                 "to say which."

@@ -7,12 +7,6 @@ from jaxtyping import Float
 
 from raytrace_jax.util.numerics import MAD_TO_SIGMA
 
-DEGREE = 4
-"""Degree of the polynomial in the board's coordinates.
-
-A quadratic serves even light, lamps near the board want more; the degree was not tuned. It leaves 1.1 % of the paper's
-light in room 6 of `experiments/photograph`."""
-
 
 class LightField(NamedTuple):
     """The light on a board: of white paper, and the ink's share of it.
@@ -65,7 +59,11 @@ def fit_light_field(
 
 
 def _terms(place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, "terms *any"]:
-    """Products of Legendre's polynomials in coordinates from -1 to 1, up to `DEGREE` in all, lowest first."""
-    legendre = [np.polynomial.legendre.Legendre.basis(n) for n in range(DEGREE + 1)]
+    """Products of Legendre's polynomials in coordinates from -1 to 1, up to the fourth degree in all, lowest first.
+
+    A quadratic serves even light, lamps near the board want more; the degree was not tuned. It leaves 1.1 % of the
+    paper's light in room 6 of `experiments/photograph`.
+    """
+    legendre = [np.polynomial.legendre.Legendre.basis(n) for n in range(5)]
     x, y = np.moveaxis(place, -1, 0)
-    return np.stack([legendre[i](x) * legendre[n - i](y) for n in range(DEGREE + 1) for i in range(n + 1)])
+    return np.stack([legendre[i](x) * legendre[n - i](y) for n in range(5) for i in range(n + 1)])

@@ -22,9 +22,6 @@ from raytrace_jax.photo.sight import Sight
 LEAST_SQUARE = 4.0
 """Least pixels of a square's shorter side, seen through the glass; a patch of a smaller one is a blur."""
 
-LEAST_THROUGH = 8
-"""The fewest corners through the glass; they err, and tell four numbers."""
-
 
 @dataclass(frozen=True)
 class Located(AdjustedView):
@@ -213,11 +210,10 @@ def _measured(
     known, found = known_before(lens, radius), None
     for _ in range(12):
         taken.through = _corners_through(photograph, board, Sight(view.setup, photograph.size), camera.blur)
-        if len(taken.through.pixels) < LEAST_THROUGH:
+        if len(taken.through.pixels) < 8:  # They err, and tell four numbers.
             raise PictureError(
                 f"{photograph.name}: {len(taken.through.pixels)} corners of the board are found through the ball, and "
-                f"{LEAST_THROUGH} are wanted: photograph from nearer, use smaller squares, or put the ball nearer to "
-                "the board."
+                "8 are wanted: photograph from nearer, use smaller squares, or put the ball nearer to the board."
             )
         found = adjust([view._replace(through=taken.through)], known)
         (seen,) = found.views

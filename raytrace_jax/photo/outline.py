@@ -18,12 +18,6 @@ from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.photograph import Photograph, PixelGrid, offsets
 from raytrace_jax.photo.sight import Sight
 
-HIDDEN = 0.35
-"""Where this share of the pixels around differ from the board, all of it is hidden: in a ball about half do."""
-
-LEAST_SCORE = 0.4
-"""By how much more the inside of a disc is hidden than half of what is around it."""
-
 
 class NoBall(PictureError):
     """A photograph in which no ball is found."""
@@ -61,7 +55,9 @@ def find_discs(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: 
     name, size = photograph.name, photograph.size
     sight, grid = Sight(setup, size), PixelGrid.of(size, max(1, round(size[0] / 480)))
     differs, known, square = _differs(photograph.light, board, sight, blur, grid)
-    hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / HIDDEN, 1)
+    # Where this share of the pixels around differ from the board, all of it is hidden: in a ball about half do.
+    share = 0.35
+    hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / share, 1)
 
     # All middles amid what is hidden are tried, with the radii that a ball can have there.
     low, high = (radii.reshape(hidden.shape) / grid.binning for radii in _radii(sight, grid.pixels))
@@ -71,7 +67,9 @@ def find_discs(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: 
             f"{name}: a ball of this radius is {2 * largest * grid.binning:.0f} pixels wide at most before this board: "
             "photograph from nearer."
         )
-    amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * LEAST_SCORE
+    # The inside of a disc is hidden by so much more than half of what is around it.
+    least_score = 0.4
+    amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * least_score
     step = max(1, round(0.15 * least))
     row, column = (step * at for at in np.nonzero(amid[::step, ::step]))
     count = int(np.ceil(np.log(float(np.max(high / low))) / np.log(1.07)))
@@ -81,8 +79,8 @@ def find_discs(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: 
     scores = _scores(hidden * known, known, circles)
 
     # The best one of each place is fitted to the ragged outline of what differs.
-    order = circles[np.argsort(-scores)][: np.sum(scores > LEAST_SCORE)]
-    sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / HIDDEN, 1)
+    order = circles[np.argsort(-scores)][: np.sum(scores > least_score)]
+    sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / share, 1)
     discs = _distinct((_fitted(one, sharp, known) for one in _distinct(order, 0.3)), 0.1)
     if not discs:
         raise NoBall(

@@ -42,14 +42,8 @@ from raytrace_jax.util.files import atomic_write, json_text, write_text
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import with_tolerance
 
-RULER = 100.0
-"""Millimetres of the ruler on a board."""
-
 UNMEASURED = "100+-0.1 mm"
 """A ruler that nobody measured: printers are right to about a thousandth."""
-
-EXIF_IS_OFF = 0.03
-"""Relative standard deviation of an angle of view by EXIF: focal lengths are rounded, and focusing changes them."""
 
 
 def run_calibrate(command: Calibrate) -> int:
@@ -254,7 +248,8 @@ def _radius(command: Photo) -> tuple[float, float]:
         print_warning(
             f"the board's ruler was not measured and counts as {UNMEASURED}: measure it, and state it with --ruler."
         )
-    return radius * RULER / ruler, radius * RULER / ruler * math.hypot(error / radius, off / ruler)
+    radius_there = radius * 100 / ruler  # On the board the ruler is 100 mm long.
+    return radius_there, radius_there * math.hypot(error / radius, off / ruler)
 
 
 def _photographs(
@@ -293,9 +288,11 @@ def _locate(
         return locate_together(photographs, board, radius, lens, ball)
     fov = angle_of_view(path) if is_photograph(path) else None
     if fov is not None:
-        # Nothing fits where EXIF is wrong, if the board does not outvote it.
-        together = locate_together(photographs, board, radius, uncalibrated(fov, EXIF_IS_OFF * fov), ball)
-        if together.located and abs(_angle_of_first(together, photographs)[0] / fov - 1) < 3 * EXIF_IS_OFF:
+        # EXIF's angle errs by some per cent: focal lengths are rounded, and focusing changes them. Nothing fits where
+        # it is wrong, if the board does not outvote it.
+        spread = 0.03
+        together = locate_together(photographs, board, radius, uncalibrated(fov, spread * fov), ball)
+        if together.located and abs(_angle_of_first(together, photographs)[0] / fov - 1) < 3 * spread:
             return together
     together = locate_together(photographs, board, radius, uncalibrated(), ball)
     if fov is not None and together.located:
