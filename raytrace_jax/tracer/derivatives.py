@@ -50,7 +50,10 @@ class PictureDerivatives(NamedTuple):
 
 
 def picture_derivatives(
-    scene: Scene, names: Iterable[str], settings: RenderSettings | None = None
+    scene: Scene,
+    names: Iterable[str],
+    settings: RenderSettings | None = None,
+    on_step: Callable[[str], None] | None = None,
 ) -> PictureDerivatives:
     """Render a picture and differentiate each of its pixels with respect to parameters, in forward mode.
 
@@ -60,6 +63,7 @@ def picture_derivatives(
         settings: what to render, without its AOVs; None is what the scene's file says. Without `edges` the picture is
             that of points and the derivative that of areas; with `edges="point"` it is that of the colours at the
             pixels' points: what edges that move gain or lose is not in it.
+        on_step: called with a scalar parameter's name when its derivative is there.
 
     Returns:
         The picture, and for each number the change of the picture per unit of it.
@@ -91,6 +95,9 @@ def picture_derivatives(
         by_all[list(traced)] = jacobian
         frame = settings.frame(scene.camera.pixeldim)
         image, jacobian = develop_derivatives(image, by_all, values, filmed, Named(scalars), frame)
+    if on_step:
+        for name in scalars:
+            on_step(name)
     units = tuple(resolve(scene, name).attribute.unit for name in scalars)
     image, jacobian = jax.device_put((image, jacobian))
     return PictureDerivatives(image, scalars, jacobian, units)
