@@ -35,7 +35,7 @@ def squares_within(
     columns, rows = (math.floor(length / side + 1e-9) for length in room)
     across, down = wanted or (LEAST, LEAST)
     if across > columns or down > rows:
-        raise RaytraceError(f"{across} x {down} squares are too many: {where} has room for {columns} x {rows}.")
+        raise RaytraceError(f"{across} x {down} squares are too many: {where} has room for {columns} x {rows} squares.")
     return wanted or (columns, rows)
 
 

@@ -83,7 +83,7 @@ class Studio:
         found = picture_derivatives(scene, names, dataclasses.replace(self.settings, edges=self.edges))
         self.compiled.add("derivative")
         mean = np.nan_to_num(np.asarray(found.values[found.names.index(name)].mean(axis=0), np.float64))
-        scale = scale_of(mean) | {"unit": resolve(scene, name).attribute.unit}
+        scale: dict[str, Any] = scale_of(mean) | {"unit": resolve(scene, name).attribute.unit}
         return png_bytes(Image.fromarray(signed_pixels(mean, scale["limit"]))), scale
 
     def rays(self, scene: Scene, column: int, row: int) -> bytes:
