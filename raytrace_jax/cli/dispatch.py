@@ -3,10 +3,12 @@
 Exit codes: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 stopped.
 """
 
+import contextlib
 import importlib
 import inspect
 import io
 import os
+import re
 import sys
 import traceback
 import warnings
@@ -134,16 +136,21 @@ def _run(arguments: Sequence[str]) -> int:
         suggestion = did_you_mean(first, COMMANDS)
         raise UsageError(f"there is no command {quoted(first)}.{suggestion} Commands: {listed(COMMANDS)}.")
     given = with_config(arguments)
+    refusal = io.StringIO()
     try:
-        command = tyro.cli(
-            _commands(named=bool(given) and given[0] in COMMANDS),
-            prog="raytrace-jax",
-            description=DESCRIPTION,
-            args=given,
-            # What is not given is None, which no one has to say.
-            config=(tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone),
-        )
+        with contextlib.redirect_stderr(refusal):
+            command = tyro.cli(
+                _commands(named=bool(given) and given[0] in COMMANDS),
+                prog="raytrace-jax",
+                description=DESCRIPTION,
+                args=given,
+                # What is not given is None, which no one has to say.
+                config=(tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone),
+            )
     except SystemExit as stop:
+        # tyro leaves its own markup in some sentences.
+        text = re.sub(r"\[bold\](.*?)\[/bold\](.*)│", rf"\1\2{' ' * 13}│", refusal.getvalue())
+        sys.stderr.write(text)
         return stop.code if isinstance(stop.code, int) else 0 if stop.code is None else USAGE
     name, module = next((name, entry.module) for name, entry in COMMANDS.items() if type(command) is entry.options)
     _check_files(command)

@@ -84,7 +84,7 @@ class Studio:
         self.compiled.add("derivative")
         mean = np.nan_to_num(np.asarray(found.values[found.names.index(name)].mean(axis=0), np.float64))
         scale: dict[str, Any] = scale_of(mean) | {"unit": resolve(scene, name).attribute.unit}
-        return png_bytes(Image.fromarray(signed_pixels(mean, scale["limit"]))), scale
+        return png_bytes(Image.fromarray(signed_pixels(mean, float(scale["limit"])))), scale
 
     def rays(self, scene: Scene, column: int, row: int) -> bytes:
         """The rays of a pixel of the whole picture as SVG."""

@@ -172,6 +172,12 @@ def resolve(scene: Scene, name: str) -> Parameter:
         if owners[0].type.find(attribute_name):
             how = "change it in the scene's file, or the picture's size by the size option"
             raise ParameterError(f"{quoted(name)} is not a continuous parameter: {how}.")
+        for block, _ in reached:
+            if any(kind.find(attribute_name) for kind in BLOCK_TYPES[block.keyword]):
+                raise ParameterError(
+                    f"{quoted(name)}: {block.keyword} {block.name!r} has no {attribute_name}: write it into the block "
+                    f"first. It has {listed([one.name for one in block.type.continuous])}."
+                )
         continuous = {block: [one.name for one in block.type.continuous] for block, _ in reached}
         guess = did_you_mean(attribute_name, chain.from_iterable(continuous.values()))
         owned = "; ".join(f"{block.keyword} {block.name!r} has {listed(names)}" for block, names in continuous.items())

@@ -30,7 +30,7 @@ BAD_INPUT = [
     (2, ["render", VITREOUS, "-o", "a.jpg"], ["a.jpg", ".exr or .png"]),
     (2, ["render", VITREOUS, "-o", "a.png", "--no-png"], ["--no-png"]),
     (2, ["render", VITREOUS, "-o", "a.png", "--aov", "depth"], ["--aov"]),
-    (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreus.ior=1"], ["'vitreus'", "'vitreous'?"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreus.ior=1"], ["vitreus", "'vitreous'?"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.ior"], ["name=value"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.abbe=30"], ["no abbe", "write it into the block first"]),
     (2, ["gallery", "physical.txt", "-o", "out"], ["physical.txt is for the physical model", "classic"]),

@@ -152,9 +152,8 @@ def test_of_a_whole_picture_the_crop_is_compared():
 def test_target_and_mask_are_cut_and_multiplied(tmp_path, capsys):
     scene, path = assignment_scene(), stored(tmp_path / "a.tif")
     Image.fromarray(np.full((12, 16), 51, np.uint8)).save(tmp_path / "mask.png")
-    command = Fit(
-        tmp_path / "scene.txt", path, ("vitreous.ior",), tmp_path, mask=tmp_path / "mask.png", transfer="srgb"
-    )
+    files = {"scene": tmp_path / "scene.txt", "target": path, "mask": tmp_path / "mask.png", "output": tmp_path}
+    command = Fit(**files, free=("vitreous.ior",), transfer="srgb")
     target, known = read_target(command, scene, resolved(scene), FitOptions())
     weights = known["weights"]
     assert target.shape == (3, 6, 8)

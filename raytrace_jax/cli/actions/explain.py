@@ -140,19 +140,19 @@ def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
 
 
 def run_teach(command: Teach) -> None:
-    names = tuple(name for name in LESSONS if name in (command.only or LESSONS))
+    drawn = {name: draw for name, draw in LESSONS.items() if name in (command.only or LESSONS)}
     preparation.check_folder(command.output)
     timer = Timer("drawing", stderr_console(quiet=command.quiet))
     # A display on stderr would catch what is printed on stdout.
     with contextlib.nullcontext() if timer.display else timer, jax_session(64):
-        for number, name in enumerate(names, start=1):
-            figure = LESSONS[name]()
+        for number, (name, draw) in enumerate(drawn.items(), start=1):
+            figure = draw()
             for suffix in ("png", *command.also):
                 path = command.output / f"{name}.{suffix}"
                 with atomic_write(path) as temporary:
                     figure.savefig(temporary)
                 print(path, flush=True)
-            timer.took(f"figure {number}/{len(names)}, {name},")
+            timer.took(f"figure {number}/{len(drawn)}, {name},")
     page = command.output / "index.md"
-    write_text(page, index_page(names))
+    write_text(page, index_page(tuple(drawn)))
     print(page)

@@ -115,8 +115,9 @@ class CameraModel:
         """The developed picture at the unknowns `y`, with the derivatives by all of them."""
         if not self.is_needed:
             return light
-        places = light.image, light.jacobian, self._array(y), self.of_scene, self.unknowns, frame
-        developed = develop_derivatives(*places, self.unknowns.traced)
+        jacobian = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
+        jacobian[list(self.unknowns.traced)] = light.jacobian
+        developed = develop_derivatives(light.image, jacobian, self._array(y), self.of_scene, self.unknowns, frame)
         return PredictedPicture(developed[0], developed[1], light.sees_edge)
 
     def changes(
