@@ -56,7 +56,7 @@ def replace(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_batch_writes_what_the_library_computes(batch, tmp_path):
+def test_a_batch_gives_the_librarys_results(batch, tmp_path):
     out = tmp_path / "out"
     grid = "[grid]\nvitreous.ior = [1.2, 1.6]\n"
     code, rows, printed, shown = batch(grid + "[render]\n[gradient]\nwrt = ['cyan.ior']\nedges = 'point'\n" + FIT)
@@ -121,7 +121,7 @@ def test_only_what_changed_is_run_again(batch, tmp_path, replace):
     assert ran[3:] == [1.4, 1.6]
 
 
-def test_a_failure_is_recorded_the_rest_goes_on_and_the_next_run_tries_again(batch, tmp_path, replace):
+def test_a_failed_job_is_tried_again(batch, tmp_path, replace):
     (tmp_path / "target.png").write_text("no picture")
     plan = "[render]\n[grid]\ncyan.ior = [1.5]\n" + FIT + "targets = ['target.png']"
     code, rows, _, shown = batch(plan)
@@ -142,7 +142,7 @@ def test_a_failure_is_recorded_the_rest_goes_on_and_the_next_run_tries_again(bat
     assert code == 2 and "plan.toml:" in shown and "vitreous.iro" in shown
 
 
-def test_ctrl_c_leaves_what_is_done_and_no_table(batch, tmp_path, replace):
+def test_ctrl_c_keeps_what_is_done(batch, tmp_path, replace):
     def interrupted(job, folder):
         if job.values["vitreous.ior"] == 1.6:
             raise KeyboardInterrupt
@@ -154,7 +154,7 @@ def test_ctrl_c_leaves_what_is_done_and_no_table(batch, tmp_path, replace):
     assert len(list((tmp_path / "out" / "records").glob("*.json"))) == 1
 
 
-def test_a_fit_that_ctrl_c_stops_begins_anew_and_one_that_ended_has_status_errors_and_causes(batch, tmp_path, replace):
+def test_a_stopped_fit_begins_anew(batch, tmp_path, replace):
     replace("fit", lambda *_, **__: fake_result(status="interrupted"))
     code, rows, *_ = batch(FIT)
     assert (code, rows) == (130, None)
@@ -185,7 +185,7 @@ def test_the_time_that_is_left_is_told():
     assert said == ["1/21 jobs, about 21 min left", "2/21 jobs, about 10 min left", "3/21 jobs, about 6 min left"]
 
 
-def test_without_pyarrow_there_is_a_csv_and_a_word_and_json_has_the_same(batch, monkeypatch, tmp_path):
+def test_without_pyarrow_there_is_a_csv(batch, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "pyarrow", None)  # As if it were not installed.
     assert not has_parquet()
     code, rows, printed, shown = batch("[render]")

@@ -47,7 +47,7 @@ def run_with(monkeypatch, jobs, folder, outcome):
     return reported
 
 
-def test_a_job_that_kills_its_workers_fails_alone(jobs, tmp_path, monkeypatch):
+def test_a_worker_killing_job_fails_alone(jobs, tmp_path, monkeypatch):
     killer, beside = jobs[17:19]
     death = KilledWorker("work", types.SimpleNamespace(address="tcp://gone:1"), 3)
     accused = [killer, beside]  # One that waited where the other one was run is accused, too, the first time.
@@ -71,7 +71,7 @@ def test_a_scheduler_that_goes_away_is_said(jobs, tmp_path, monkeypatch):
         run_with(monkeypatch, jobs, tmp_path, lambda job: ("error", OSError("no room")))
 
 
-def test_no_scheduler_at_the_address_is_one_message(jobs, tmp_path, monkeypatch, capsys):
+def test_no_scheduler_is_one_message(jobs, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("raytrace_jax.batch.cluster.SECONDS_TO_CONNECT", 0.2)
     for address in ("tcp://127.0.0.1:9", "nonsense://x"):
         assert run("batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out"), "--scheduler", address) == 1

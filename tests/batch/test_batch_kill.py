@@ -81,7 +81,7 @@ def same(plan, name):
 
 
 @pytest.mark.slow
-def test_a_killed_batch_goes_on_and_ends_as_an_undisturbed_one(plan):
+def test_a_killed_batch_is_resumed(plan):
     for count in (2, RENDERS + 2):
         process = start(plan, "killed")
         wait_for(count, process, plan, "killed")
@@ -94,7 +94,7 @@ def test_a_killed_batch_goes_on_and_ends_as_an_undisturbed_one(plan):
 
 
 @pytest.mark.slow
-def test_a_killed_worker_and_a_killed_coordinator_change_nothing(plan):
+def test_killed_processes_change_nothing(plan):
     process = start(plan, "workers", "--workers", "2")
     wait_for(2, process, plan, "workers")
     victim = worker_processes(process)[0]
@@ -111,7 +111,7 @@ def test_a_killed_worker_and_a_killed_coordinator_change_nothing(plan):
 
 
 @pytest.mark.slow
-def test_a_scheduler_of_the_users_own_shares_the_jobs_out(plan):
+def test_a_users_scheduler_shares_the_jobs(plan):
     file = str(plan.parent / "scheduler.json")
     options = ["--scheduler-file", file, "--no-dashboard"]
     scheduler = launch(plan, "distributed.cli.dask_scheduler", *options, "--port", "0", "--host", "127.0.0.1")

@@ -36,7 +36,7 @@ def finish(folder, job, path, **results):
     write_record(folder, job, JobRecord("done", outputs=(path,), results=results))
 
 
-def test_names_say_what_varies_and_are_stable_unique_and_safe(jobs_of):
+def test_job_names_are_unique_and_stable(jobs_of):
     jobs = jobs_of("[set]\ncyan.alpha = 0.5\n" + GRID)
     names = [file_name(job) for job in jobs]
     assert names[2] == f"vitreous.ior=1.45,vitreous.center.x=4.3_{jobs[2].name[:8]}"
@@ -53,7 +53,7 @@ def test_names_say_what_varies_and_are_stable_unique_and_safe(jobs_of):
         assert re.fullmatch(r"[\w.,=+-]{1,109}", name, re.ASCII)
 
 
-def test_the_page_has_a_row_a_job_and_its_links_lead_to_files(jobs_of, tmp_path):
+def test_the_page_links_jobs_to_their_files(jobs_of, tmp_path):
     renders = jobs_of(GRID)
     [fit] = jobs_of(QUICK_FIT)
     for job in renders[1:]:
@@ -77,7 +77,7 @@ def test_the_page_has_a_row_a_job_and_its_links_lead_to_files(jobs_of, tmp_path)
     assert json.loads(next((tmp_path / "records").glob("*.json")).read_text())
 
 
-def test_the_sheet_has_a_cell_for_each_picture_and_a_bounded_size(tmp_path):
+def test_the_sheet_has_one_cell_a_picture(tmp_path):
     Image.new("RGB", (16, 12), "red").save(tmp_path / "red.png")
     (tmp_path / "broken.png").write_text("no picture")
     cells = [LabelledPicture(tmp_path / "red.png", ["ior = 1.2"])] * 3
@@ -98,7 +98,7 @@ def test_the_sheet_has_a_cell_for_each_picture_and_a_bounded_size(tmp_path):
     assert sheet.getpixel((sheet.width // 2, GAP + 20)) == (188, 188, 188)
 
 
-def test_a_row_of_the_sheet_is_one_of_the_grid(jobs_of, tmp_path):
+def test_sheet_rows_are_grid_rows(jobs_of, tmp_path):
     assert [layout(24, (16, 12), 1, group).columns for group in (4, 6, 2, 1, 24)] == [4, 6, 4, 5, 5]
     jobs = jobs_of(
         "[grid]\nvitreous.ior = [1.1, 1.2, 1.3]\ncyan.alpha = { start = 0, stop = 0.8, count = 8 }\n[render]\n"

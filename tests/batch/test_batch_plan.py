@@ -73,7 +73,7 @@ def test_a_bad_plan_is_refused_with_its_key(text, words, folder):
         assert word in message
 
 
-def test_the_plans_of_the_documentation_are_plans(folder):
+def test_the_documented_plans_are_valid(folder):
     text = (DATA.parent / "docs" / "batch.md").read_text()
     first, second = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     (folder / "vitreous.txt").write_text((DATA / "vitreous.txt").read_text())
@@ -87,7 +87,7 @@ def test_the_plans_of_the_documentation_are_plans(folder):
     assert str(caught.value).split("plan.toml: ")[1].startswith(quoted)
 
 
-def test_a_grid_is_all_combinations_and_a_list_goes_row_by_row(folder):
+def test_grids_are_crossed_and_lists_zipped(folder):
     text = (
         HEAD
         + """
@@ -114,7 +114,7 @@ def test_a_grid_is_all_combinations_and_a_list_goes_row_by_row(folder):
     assert jobs[12].settings == ResolvedSettings(size=(16, 12), edges="aware")
 
 
-def test_fits_are_made_for_each_target_noise_and_seed(folder):
+def test_fits_cover_targets_noise_and_seeds(folder):
     for name in ("one.png", "two.png"):
         write_png(folder / name, jax.numpy.ones((3, 4, 5)))
     text = HEAD + '[fit]\nfree = ["cyan.ior"]\nnoise = [0, 0.1]\nseeds = [1, 2]\n'
@@ -125,7 +125,7 @@ def test_fits_are_made_for_each_target_noise_and_seed(folder):
     assert [job.target for job in jobs] == [str(folder / "one.png")] * 3 + [str(folder / "two.png")] * 3
 
 
-def test_what_the_plan_leaves_out_a_scenes_file_says(folder):
+def test_the_scene_file_fills_in_the_plan(folder):
     """Its settings, and what lies on its shapes; the plan's own settings come first."""
     write_png(folder / "board.png", np.full((3, 2, 2), 0.5))
     lab = "settings main { model physical max_bounces 3 samples 2 } camera eye { pixeldim 8 6 viewpoint 0 0 5 "
@@ -144,7 +144,7 @@ def test_what_the_plan_leaves_out_a_scenes_file_says(folder):
         jobs_of(folder, HEAD + "[render]\n[settings]\nleast_weight = 1e-3")
 
 
-def test_a_job_is_named_by_what_determines_it(folder):
+def test_a_jobs_inputs_determine_its_name(folder):
     text = HEAD + '[set]\n"cyan.ior" = 2\n[render]\n'
     [job] = jobs_of(folder, text)
     changes = {

@@ -69,7 +69,7 @@ def test_render_writes_the_librarys_picture(tmp_path, capsys):
         np.testing.assert_array_equal(np.moveaxis(np.asarray(png), -1, 0), np.floor(255 * np.asarray(film.image)))
 
 
-def test_derivatives_with_a_bad_pixel_are_written_and_the_pixel_named(tmp_path, capsys, replace_work):
+def test_derivatives_name_a_bad_pixel(tmp_path, capsys, replace_work):
     broken = np.ones((1, 3, 12, 16))
     broken[..., 2, 3] = np.nan
     found = PictureDerivatives(np.full((3, 12, 16), 0.5), ("vitreous.ior",), broken, ("",))
@@ -80,7 +80,7 @@ def test_derivatives_with_a_bad_pixel_are_written_and_the_pixel_named(tmp_path, 
     assert channels["d.vitreous.ior.R"][2, 3] == 0 and channels["d.vitreous.ior.R"].sum() == 12 * 16 - 1
 
 
-def test_render_writes_one_file_if_that_is_asked_for(tmp_path, capsys):
+def test_render_writes_one_file_if_asked(tmp_path, capsys):
     image = np.asarray(render(load_scene(VITREOUS), SMALL_SETTINGS).image)
     assert run("render", VITREOUS, "-o", tmp_path / "a.png", *SMALL, "--png-transfer", "srgb", "--quiet") == 0
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"] and capsys.readouterr().err == ""
@@ -92,7 +92,7 @@ def test_render_writes_one_file_if_that_is_asked_for(tmp_path, capsys):
     np.testing.assert_array_equal(read_exr(tmp_path / "a.exr").channels["R"], image[0].astype(np.float16))
 
 
-def test_every_render_option_reaches_the_settings(replace_work, tmp_path):
+def test_render_options_reach_the_settings(replace_work, tmp_path):
     """No option is parsed and then forgotten: each has a value other than its default."""
     seen = []
 
@@ -134,7 +134,7 @@ def test_assignments_in_every_form(form, capsys):
         assert capsys.readouterr() == (expected, "")
 
 
-def test_a_shared_material_and_a_misspelt_attribute_are_told(shared, capsys):
+def test_shared_materials_are_told(shared, capsys):
     assert run("format", shared, "-D", "left.ior=1.3") == 0
     captured = capsys.readouterr()
     assert captured.err.startswith("warning: left.ior") and "right" in captured.err
@@ -148,7 +148,7 @@ def test_a_shared_material_and_a_misspelt_attribute_are_told(shared, capsys):
     assert "worlddim 8 6" in captured.out
 
 
-def test_info_lists_names_values_and_shared_materials(shared, capsys):
+def test_info_lists_values_and_materials(shared, capsys):
     shared.write_text(SHARED.replace("radius 1", "radius 1.2345678901234567", 1))
     assert run("info", shared) == 0
     out = capsys.readouterr().out
@@ -161,7 +161,7 @@ def test_info_lists_names_values_and_shared_materials(shared, capsys):
 
 
 @pytest.mark.slow
-def test_grad_writes_signed_layers_a_sheet_and_the_check(tmp_path, capsys):
+def test_grad_writes_layers_sheet_and_check(tmp_path, capsys):
     out = tmp_path / "new" / "g.exr"
     options = ["--size", 24, 18, "--max-bounces", 2, "--edges", "point", "-D", "vitreous.ior=1.4"]
     arguments = ["grad", VITREOUS, "--wrt", "vitreous.ior", "--wrt", "vitreous.center", "-o", out, *options]

@@ -137,7 +137,7 @@ REFUSALS = {13: "is not writable", 2: "no folder can be made in", 28: "full"}
 
 @pytest.mark.parametrize("arguments", WRITING)
 @pytest.mark.parametrize("number", REFUSALS)
-def test_a_folder_that_cannot_be_written_is_refused_before_the_work(arguments, number, tmp_path, monkeypatch, capsys):
+def test_unwritable_folders_fail_early(arguments, number, tmp_path, monkeypatch, capsys):
     """As /proc, which root may write as far as its rights go, and in which no folder can be made."""
 
     def refuse(*_, **__):
@@ -164,7 +164,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(arguments, n
         (KeyboardInterrupt(), 130, ["interrupted"]),
     ],
 )
-def test_what_fails_on_the_way_is_one_message(error, code, words, tmp_path, monkeypatch, replace_work, capsys):
+def test_a_late_failure_is_one_message(error, code, words, tmp_path, monkeypatch, replace_work, capsys):
     def fail(*_):
         raise error
 

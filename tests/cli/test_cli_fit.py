@@ -29,7 +29,7 @@ def options_of(**texts):
     return Fit(scene=VITREOUS, target=VITREOUS, free=(), output=VITREOUS, **texts).fit_options()
 
 
-def test_a_tie_has_a_leader_and_a_prior_mean_and_standard_deviation():
+def test_ties_and_priors_are_read():
     ties = options_of(tie=("cyan.ior=vitreous.ior", "odd=name.ior=ball.ior")).ties
     assert ties == {"cyan.ior": "vitreous.ior", "odd=name.ior": "ball.ior"}
     texts = ("ball.radius=2.3±0.01", " ball.ior = 2.3 +- 0.01 ", "ball.center.z=-1e-3 ± 2E+1")
@@ -42,7 +42,7 @@ def test_a_priors_numbers_keep_every_bit(mean, deviation, sign):
     assert read_prior(f"{mean!r}{sign.replace('+', '+-')}{deviation!r}") == (mean, deviation)
 
 
-def test_what_is_no_assignment_is_refused_with_the_way_to_write_one():
+def test_what_is_no_assignment_is_refused():
     forms = {
         "tie": ("NAME=FREE, as cyan.ior=vitreous.ior", ["", "=", "a.ior=", "=b.ior"]),
         "prior": (
@@ -72,7 +72,7 @@ def shown(work, **console):
     return text.getvalue()
 
 
-def test_without_a_terminal_each_phase_and_each_step_is_a_line_by_one_clock(clock):
+def test_without_a_terminal_steps_are_lines(clock):
     def work(progress, result):
         progress.phase("scanning: compiling")
         clock.time += 2.25
@@ -100,7 +100,7 @@ def everything(progress, result):
     progress.phase("writing the report")
 
 
-def test_on_a_terminal_there_is_one_table_that_changes_and_quiet_there_is_nothing():
+def test_a_terminal_shows_one_table():
     assert not shown(everything, quiet=True) and not shown(everything, quiet=True, force_terminal=True)
     last = shown(everything, force_terminal=True).rpartition("writing the report")[2]
     for words in ("start", "blur", "0 px", "1 (rejected)", "0.6", "vitreous.ior", "1.337", "vitreous.radius", "2.3"):
@@ -108,7 +108,7 @@ def test_on_a_terminal_there_is_one_table_that_changes_and_quiet_there_is_nothin
     assert last.count("vitreous.ior") == 1
 
 
-def test_a_terminal_is_left_in_order_when_the_fit_fails():
+def test_a_failed_fit_restores_the_terminal():
     text = io.StringIO()
     with pytest.raises(ZeroDivisionError), FitProgress(("a.ior",), Console(file=text, force_terminal=True)) as progress:
         progress.phase("scanning")
@@ -126,7 +126,7 @@ FREE = ["--free", "vitreous.ior"]
 
 
 @pytest.mark.parametrize("has_steps", [True, False])
-def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments, replace_work, capsys, tmp_path):
+def test_unfitted_numbers_have_no_error_bars(has_steps, arguments, replace_work, capsys, tmp_path):
     whole, unknown = fake_result("interrupted"), np.full(2, np.nan)
     stopped = changed(
         whole,
@@ -143,7 +143,7 @@ def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments,
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"fit.txt", "result.json"}
 
 
-def test_the_fitted_scene_keeps_comments_and_the_figure_is_a_pdf_too(arguments, replace_work, tmp_path):
+def test_the_fitted_scene_keeps_comments(arguments, replace_work, tmp_path):
     replace_work("fit.fit", lambda *_, **__: fake_result())
     scene = tmp_path / "scene.txt"
     scene.write_text("# Measured on Monday.\n\n" + VITREOUS.read_text())
@@ -153,7 +153,7 @@ def test_the_fitted_scene_keeps_comments_and_the_figure_is_a_pdf_too(arguments, 
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="files there have no limit of their size")
-def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, replace_work, capsys, tmp_path):
+def test_estimates_are_printed_without_files(arguments, replace_work, capsys, tmp_path):
     import resource
 
     replace_work("fit.fit", lambda *_, **__: fake_result())
@@ -174,7 +174,7 @@ def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, repl
 @pytest.mark.parametrize("exposure", [[], ["--fit-exposure"]])
 @pytest.mark.parametrize("transfer", ["course", "srgb"])
 @pytest.mark.parametrize("told", [None, "course"])
-def test_a_png_that_does_not_say_how_it_was_stored_is_read_as_it_is_nearer_to_the_start(
+def test_an_unmarked_png_is_read_as_nearest(
     transfer, told, exposure, arguments, monkeypatch, replace_work, capsys, tmp_path
 ):
     truth = np.random.default_rng(3).uniform(0.05, 0.6, size=(3, 30, 40))
@@ -190,7 +190,7 @@ def test_a_png_that_does_not_say_how_it_was_stored_is_read_as_it_is_nearer_to_th
     assert (words in capsys.readouterr().err) == (told is None)
 
 
-def test_work_that_says_nothing_is_told_to_go_on(monkeypatch):
+def test_silent_work_is_said_to_go_on(monkeypatch):
     monkeypatch.setattr(progress, "SILENCE", 0.0)
     text = io.StringIO()
     with Timer("drawing", Console(file=text)):

@@ -34,7 +34,7 @@ def runs_without(modules, code):
 
 
 @pytest.mark.slow
-def test_a_process_that_has_read_a_picture_ends_without_complaints_of_libraries(tmp_path):
+def test_reading_a_picture_ends_quietly(tmp_path):
     write_png(tmp_path / "a.png", np.zeros((3, 4, 5)))
     ended = process("fit", VITREOUS, tmp_path / "a.png", "--free", "vitreous.ior", "-o", tmp_path / "out")
     assert ended.returncode == 1
@@ -42,7 +42,7 @@ def test_a_process_that_has_read_a_picture_ends_without_complaints_of_libraries(
 
 
 @pytest.mark.slow
-def test_what_a_cluster_sends_before_it_kills_ends_a_fit_with_what_it_has(tmp_path):
+def test_a_cluster_signal_ends_a_fit_early(tmp_path):
     write_png(tmp_path / "a.png", np.random.default_rng(0).uniform(size=(3, 60, 80)))
     command = [*PROGRAM, "fit", str(VITREOUS), str(tmp_path / "a.png"), "--free", "vitreous.ior"]
     command += ["-o", str(tmp_path / "out"), "--size", "80", "60"]
@@ -55,7 +55,7 @@ def test_what_a_cluster_sends_before_it_kills_ends_a_fit_with_what_it_has(tmp_pa
     assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == "interrupted"
 
 
-def test_help_version_missing_files_and_options_do_not_wait_for_jax():
+def test_help_does_not_wait_for_jax():
     commands = {("--help",): 0, ("render", "none", "-o", "a.exr"): 1, ("batch", "none.toml", "-o", "a"): 1}
     code = "; ".join(f"assert main({list(command)}) == {expected}" for command, expected in commands.items())
     assert runs_without(["jax", "numpy"], f"from raytrace_jax.cli import main; {code}")
@@ -73,7 +73,7 @@ def test_help_into_a_closed_pipe_is_no_error():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell closes stdout")
-def test_without_a_stdout_the_command_is_refused():
+def test_without_a_stdout_it_is_refused():
     command = ["sh", "-c", f"{sys.executable} -m raytrace_jax info {VITREOUS} >&-"]
     ended = subprocess.run(command, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True, timeout=60)
     assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
@@ -86,7 +86,7 @@ def test_a_process_exits_with_the_code():
     assert done.stderr == "error: none.txt: there is no such file.\n"
 
 
-def test_the_packages_lazy_names_are_those_that_type_checkers_see():
+def test_lazy_names_are_the_checkers_names():
     names = set(raytrace_jax.__all__) - {"__version__"}
     assert all(getattr(raytrace_jax, name).__name__.rpartition(".")[2] == name for name in names)
     assert raytrace_jax.render is render and {"fit", "optics", "build", "RenderSettings"} < names

@@ -86,7 +86,7 @@ def test_what_is_wanted_is_said(call, answers):
     assert WRONG[call] in answers[call]
 
 
-def test_numbers_of_numpy_are_numbers_and_options_that_are_none_are_refused():
+def test_numpy_numbers_are_numbers():
     options = {"sigma": np.float32(0.1), "blur": np.array([2.0, 1.0]), "max_steps": np.int64(3)}
     known = {"ball.ior": (np.float64(1.5), np.float64(0.1))}
     FitOptions(**options, priors=known, uncertain={"cam1": "1%", "lights": np.float64(2)})

@@ -35,7 +35,7 @@ TARGET = np.tensordot([0.3, -0.2], COLUMNS, 1) + 0.02 * np.random.default_rng(0)
         ({"target_samples": True}, "target_samples is .*; wanted "),
     ],
 )
-def test_options_that_make_no_sense_are_refused(options, words):
+def test_senseless_options_are_refused(options, words):
     with pytest.raises(ParameterError, match=words):
         FitOptions(**options)
 
@@ -45,7 +45,7 @@ def linear_fit(*options, **changes):
     return fit(problem.scene, TARGET, linear_names(2), problem.base, *options, **changes)
 
 
-def test_keywords_and_options_are_the_same_fit_and_a_keyword_goes_first():
+def test_keywords_go_before_options():
     changes = {"edges": "point", "target_sampling": "point", "search": False, "sigma": 0.02}
     one = linear_fit(**changes)
     other = linear_fit(FitOptions(**{**changes, "sigma": 0.5}), sigma=0.02)
@@ -60,7 +60,7 @@ def test_keywords_and_options_are_the_same_fit_and_a_keyword_goes_first():
 @pytest.mark.parametrize("spread", [10.0, 1.0, 0.3])
 @pytest.mark.parametrize(("off", "is_told"), [(1.0, False), (-2.0, False), (6.0, True), (-40.0, True)])
 @pytest.mark.parametrize("sigma", [None, 0.02])
-def test_a_prior_that_the_picture_contradicts_is_named(spread, off, is_told, sigma):
+def test_a_contradicted_prior_is_named(spread, off, is_told, sigma):
     """It is so many errors of the difference off, whether the picture or the prior is surer."""
     options = {"edges": "point", "target_sampling": "point", "search": False, "sigma": sigma}
     value, error, _ = linear_fit(**options)["a.center.x"]
@@ -71,7 +71,7 @@ def test_a_prior_that_the_picture_contradicts_is_named(spread, off, is_told, sig
     assert ("measure a.center.x again" in result.advice) == is_told
 
 
-def test_the_answer_by_name_has_value_error_and_unit():
+def test_an_answer_has_value_error_and_unit():
     result = linear_fit(edges="point", target_sampling="point", search=False, fit_exposure=True)
     assert list(result.parameters) == ["a.center.x", "b.center.x", "film.gain.r", "film.offset.r"]
     for place, (value, error, unit) in enumerate(result.parameters.values()):
@@ -79,7 +79,7 @@ def test_the_answer_by_name_has_value_error_and_unit():
         assert unit == ("world unit" if place < 2 else f"unit of {result.names[place].split('.')[1]}")
 
 
-def test_a_parameter_may_be_called_by_any_of_its_names():
+def test_a_parameter_has_several_names():
     """`vitreous.ior` and `cyan.ior` are one: a problem has its own names, which are those of its free numbers."""
     target = np.random.default_rng(1).uniform(size=(3, 6, 8))
     known = {"vitreous.ior": (1.4, 0.1)}

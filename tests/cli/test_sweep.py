@@ -118,7 +118,7 @@ def test_mp4_goes_through_ffmpeg(tmp_path, ffmpeg, capsys):
     assert not out.exists() and not list(tmp_path.glob("*part*"))
 
 
-def test_ranges_have_both_ends_decimals_stay_decimals_and_labels_differ():
+def test_ranges_have_both_ends():
     assert evenly_spaced(1.3, 1.6, 3) == [1.3, 1.45, 1.6]
     assert evenly_spaced(1.4, 1.6, 5) == [1.4, 1.45, 1.5, 1.55, 1.6]
     assert evenly_spaced(-0.3, 0.3, 7) == [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3]

@@ -23,7 +23,7 @@ from raytrace_jax import (
 )
 
 
-def test_the_program_in_python_has_the_same_scene(tmp_path, monkeypatch):
+def test_the_python_program_has_the_scene(tmp_path, monkeypatch):
     export_scene(board(**CHECKS), tmp_path / "scene.py", "mitsuba-dict")
 
     class Transform:
@@ -61,7 +61,7 @@ LOSSES = {
 
 
 @pytest.mark.parametrize(("to", "words"), [(to, words) for to, cases in LOSSES.items() for words in cases])
-def test_what_the_other_program_cannot_be_told_is_named(to, words, tmp_path):
+def test_unsupported_features_are_named(to, words, tmp_path):
     scene = build.make_scene(
         build.camera("eye", **CAMERA, distortion=(0.1, 0.0)),
         build.material("board", **LOSSES[to][words]),
@@ -75,7 +75,7 @@ def test_what_the_other_program_cannot_be_told_is_named(to, words, tmp_path):
     assert all(one in head for one in lost)
 
 
-def test_overlapping_glass_planes_and_pixels_that_are_no_squares_are_named(tmp_path):
+def test_unsupported_geometry_is_named(tmp_path):
     scene = build.make_scene(
         build.camera("eye", **CAMERA),
         build.material("clear", transmission=1.0),
@@ -176,14 +176,14 @@ def test_exported_pictures_are_whole(tmp_path):
         export_scene(board(**PICTURE), tmp_path / "a.obj", "obj")
 
 
-def test_without_mitsuba_the_import_says_what_to_install(tmp_path, monkeypatch, capsys):
+def test_without_mitsuba_it_says_the_install(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "mitsuba", None)
     (tmp_path / "a.xml").touch()
     assert run("import", str(tmp_path / "a.xml"), "-o", str(tmp_path / "a.txt")) == 1
     assert "pip install 'mitsuba>=" in capsys.readouterr().err
 
 
-def test_light_that_begins_in_glass_is_named_for_mitsuba(tmp_path):
+def test_light_inside_glass_is_named(tmp_path):
     def lost(*shapes, eye=(0.4, 0.3, 4.0)):
         made = build.make_scene(
             build.camera("eye", **{**CAMERA, "viewpoint": eye}),

@@ -55,13 +55,13 @@ def listed(names):
     return ", ".join(f"`{name}`" for name in names)
 
 
-def test_the_table_says_which_attribute_is_for_which_model():
+def test_the_table_of_attributes_is_true():
     page = (DOCS / "models.md").read_text(encoding="utf-8")
     head = f"| block | attributes | {' | '.join(MODELS)} |\n|---|---|{'---|' * len(MODELS)}\n"
     assert head + "\n".join(table()) + "\n\n" in page, "\n".join(table())
 
 
-def test_each_model_has_a_scene_with_nothing_that_it_does_not_use():
+def test_model_scenes_have_nothing_unused():
     assert list(SCENES) == list(MODELS)
     for model, text in SCENES.items():
         scene = parse_scene(text)
@@ -70,14 +70,14 @@ def test_each_model_has_a_scene_with_nothing_that_it_does_not_use():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
-def test_the_picture_of_a_model_is_that_of_its_scene(model):
+def test_model_pictures_are_of_their_scenes(model):
     shown = read_picture(DOCS / "images" / f"model_{model}.png", transfer="srgb" if model == "physical" else "course")
     image = render(parse_scene(SCENES[model]), RenderSettings(size=(24, 18), samples=6)).image
     blocks = np.clip(shown, 0, 1).reshape(3, 18, 20, 24, 20).mean((2, 4))
     assert np.abs(blocks - np.clip(image, 0, 1)).mean() < 0.02
 
 
-def test_every_picture_of_the_gallery_is_there_and_every_command_is_understood(monkeypatch):
+def test_gallery_pictures_and_commands_exist(monkeypatch):
     page = (DOCS / "gallery.md").read_text(encoding="utf-8")
     assert list(ENTRIES) == re.findall(r"\(images/([\w.]+)\)", page) and len(ENTRIES) >= 8
     actions = SimpleNamespace(**{f"run_{name}": lambda command: 0 for name in dispatch.COMMANDS})
@@ -95,7 +95,7 @@ def test_every_picture_of_the_gallery_is_there_and_every_command_is_understood(m
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
-def test_the_commands_of_the_gallery_make_its_pictures(name, tmp_path):
+def test_the_commands_make_the_pictures(name, tmp_path):
     language, text = ENTRIES[name]
     small = re.sub(r"--size \d+ \d+", "--size 24 18", re.sub(r"size=\(\d+, \d+\)", "size=(24, 18)", text))
     small = re.sub(r"^(raytrace-jax gallery .*)$", r"\1 --size 24 18", small, flags=re.MULTILINE)
@@ -105,7 +105,7 @@ def test_the_commands_of_the_gallery_make_its_pictures(name, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_command_writes_each_picture_with_its_derivatives_and_a_sheet(tmp_path, capsys):
+def test_pictures_come_with_derivatives(tmp_path, capsys):
     small = ["--size", 16, 12, "--max-bounces", 1]
     assert run("gallery", DATA / "vitreous.txt", "-o", tmp_path, *small, "--wrt", "cyan.ior") == 0
     captured = capsys.readouterr()
@@ -121,7 +121,7 @@ def test_the_command_writes_each_picture_with_its_derivatives_and_a_sheet(tmp_pa
 
 
 @pytest.mark.slow
-def test_the_gallery_of_glass_has_six_scenes_of_its_own(tmp_path, capsys):
+def test_the_glass_gallery_has_six_scenes(tmp_path, capsys):
     assert run("gallery", "--set", "glass", "-o", str(tmp_path), "--size", "16", "12", "--samples", "1", "--quiet") == 0
     written = capsys.readouterr().out.split()
     assert len(written) == 13

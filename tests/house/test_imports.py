@@ -134,20 +134,20 @@ def test_only_rooms_lie_at_the_root():
     assert rooms == {room for rooms in FLOORS for room in rooms.split()}
 
 
-def test_no_module_has_the_name_of_a_public_function():
+def test_no_module_is_named_as_a_function():
     public = {*raytrace_jax.__all__} - {"__version__", "optics", "build"}
     # The commands of the command line are called as users type them.
     modules = {name.rpartition(".")[2] for name in MODULES if not name.startswith(f"{PACKAGE}.cli.")}
     assert not public & modules
 
 
-def test_the_front_shows_what_is_public_and_nothing_else():
+def test_the_front_shows_what_is_public():
     seen = {name for name in dir(raytrace_jax) if not name.startswith("__")}
     assert seen == {name for name in raytrace_jax.__all__ if name != "__version__"}
     assert {"Renderer", "PictureDerivatives", "PictureResidual"} <= seen and "__version__" in dir(raytrace_jax)
 
 
-def test_every_public_function_says_what_it_returns():
+def test_public_functions_say_their_returns():
     functions = {name: getattr(raytrace_jax, name) for name in raytrace_jax.__all__}
     for name, function in functions.items():
         if inspect.isfunction(function) and inspect.signature(function).return_annotation is not None:
@@ -159,7 +159,7 @@ PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 PICTURE = PAGE.partition("```mermaid")[2].partition("```")[0]
 
 
-def test_every_file_and_folder_that_the_page_names_exists_and_every_package_is_named():
+def test_the_page_names_what_exists():
     named = [name for name in re.findall(r"`([^`\s]+)`", PAGE) if "/" in name or re.search(r"\.\w+$", name)]
     named = [name for name in named if name not in ("model.txt",)]
     missing = [name for name in named if not any((folder / name).exists() for folder in (ROOT, ROOT / "raytrace_jax"))]
@@ -168,7 +168,7 @@ def test_every_file_and_folder_that_the_page_names_exists_and_every_package_is_n
     assert not [name for path in packages if (name := path.relative_to(ROOT / PACKAGE).as_posix()) not in PAGE]
 
 
-def test_the_picture_has_every_room_and_arrows_from_each_floor_to_the_next():
+def test_the_diagram_has_rooms_and_arrows():
     rooms = set(re.findall(r"^ +(\w+)\[", PICTURE, re.MULTILINE))
     assert rooms == {room for rooms in FLOORS for room in rooms.split()}
     arrows = {arrow for line in PICTURE.splitlines() if "-->" in line for arrow in pairwise(re.findall(r"\w+", line))}

@@ -41,7 +41,7 @@ def printed(notebook):
 
 
 @pytest.mark.parametrize("name", NOTEBOOKS)
-def test_it_installs_first_is_small_and_tells_nothing_of_the_machine_that_stored_it(name):
+def test_a_notebook_is_small_and_anonymous(name):
     text = (FOLDER / name).read_text(encoding="utf-8")
     assert len(text) < 250_000, "outputs stay in git for good, each version of them"
     assert str(ROOT) not in text and "/tmp/" not in text and "iopub" not in text
@@ -69,7 +69,7 @@ def shows(source):
 
 
 @pytest.mark.parametrize("name", NOTEBOOKS)
-def test_it_begins_with_a_question_and_its_picture(name):
+def test_it_begins_with_question_and_picture(name):
     notebook = read(name)
     first = notebook["cells"][0]
     assert first["cell_type"] == "markdown" and "?" in source_of(first)

@@ -13,7 +13,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_the_citation_is_of_this_version_and_has_the_title_of_the_readme():
+def test_the_citation_has_version_and_title():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert citation["cff-version"] == "1.2.0" and citation["version"] == __version__
     assert f"# {citation['title'].partition(':')[0]}\n" == README[: README.index("\n") + 1]
@@ -25,7 +25,7 @@ def test_the_citation_is_of_this_version_and_has_the_title_of_the_readme():
     assert citation["keywords"] == PROJECT["project"]["keywords"]
 
 
-def test_the_description_of_a_package_index_has_absolute_addresses_of_files_that_exist():
+def test_package_index_links_are_absolute():
     text = README
     for rule in PROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:
         text = re.sub(rule["pattern"], rule["replacement"], text)
@@ -37,7 +37,7 @@ def test_the_description_of_a_package_index_has_absolute_addresses_of_files_that
 
 
 @pytest.mark.parametrize("name", ["CONTRIBUTING.md", "SECURITY.md", "CODE_OF_CONDUCT.md"])
-def test_every_file_that_a_page_for_contributors_names_exists(name):
+def test_files_named_for_contributors_exist(name):
     page = (ROOT / name).read_text(encoding="utf-8")
     words = [word for text in re.findall(r"`([^`\n]+)`", page) for word in text.split()]
     named = [
@@ -49,7 +49,7 @@ def test_every_file_that_a_page_for_contributors_names_exists(name):
     assert len(named) > 20 or name != "CONTRIBUTING.md"
 
 
-def test_ci_runs_the_script_with_the_versions_that_the_readme_calls_tested():
+def test_ci_runs_the_tested_versions():
     workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8"))
     assert workflow["permissions"] == {"contents": "read"}
     assert set(workflow[True]) == {"push", "pull_request"}  # YAML 1.1 reads the word `on` as true

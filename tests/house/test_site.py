@@ -34,7 +34,7 @@ def pages_of(nav):
     return [page for part in (nav.values() if isinstance(nav, dict) else nav) for page in pages_of(part)]
 
 
-def test_the_navigation_has_every_page_once_and_files_that_the_settings_name_are_there():
+def test_the_navigation_has_every_page_once():
     pages = pages_of(SETTINGS["nav"])
     assert len(pages) == len(set(pages))
     assert set(pages) == {path.relative_to(DOCS).as_posix() for path in PAGES} | MADE
@@ -45,7 +45,7 @@ def test_the_navigation_has_every_page_once_and_files_that_the_settings_name_are
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
-def test_relative_links_of_a_page_lead_to_files(path):
+def test_relative_links_lead_to_files(path):
     text = re.sub(r"^ *```.*?^ *```$|`[^`\n]+`", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     for target in LINK.findall(text):
         if re.match(r"[a-z][a-z+.-]*:|#", target):
@@ -54,7 +54,7 @@ def test_relative_links_of_a_page_lead_to_files(path):
         assert place.exists() and place.is_relative_to(ROOT), target
 
 
-def test_every_public_name_is_on_the_page_of_python():
+def test_every_public_name_is_documented():
     import raytrace_jax
 
     page = (DOCS / "api.md").read_text(encoding="utf-8")
@@ -69,7 +69,7 @@ def test_every_public_name_is_on_the_page_of_python():
 
 @pytest.mark.slow
 @pytest.mark.optimized
-def test_the_commands_of_the_page_on_a_picture_of_ones_own_run_in_an_empty_folder(tmp_path, monkeypatch, capsys):
+def test_the_commands_of_the_photo_page_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = (DOCS / "own_picture.md").read_text(encoding="utf-8").replace("\\\n", " ")
     for block in re.findall(r"^```sh\n(.*?)^```$", page, re.MULTILINE | re.DOTALL):
@@ -82,7 +82,7 @@ def test_the_commands_of_the_page_on_a_picture_of_ones_own_run_in_an_empty_folde
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["tutorial.md", "recipes.md"])
-def test_the_code_of_a_page_runs_in_an_empty_folder(name, tmp_path):
+def test_the_code_of_a_page_runs(name, tmp_path):
     """All blocks of Python as one program."""
     program = "\n".join(BLOCK.findall((DOCS / name).read_text(encoding="utf-8")))
     environment = os.environ | {"PYTHONPATH": str(ROOT), "JAX_ENABLE_X64": "0"}

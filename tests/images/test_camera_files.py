@@ -51,7 +51,7 @@ TURNED = {
 
 @pytest.mark.parametrize("suffix", [".jpg", ".tif"])
 @pytest.mark.parametrize("orientation", TURNED)
-def test_the_orientation_of_exif_is_obeyed_and_told(orientation, suffix, tmp_path):
+def test_the_exif_orientation_is_obeyed(orientation, suffix, tmp_path):
     exif, path = Image.Exif(), tmp_path / f"a{suffix}"
     exif[0x0112] = orientation
     Image.fromarray(np.ascontiguousarray(TURNED[orientation])).save(path, exif=exif, quality=98, subsampling=0)
@@ -60,7 +60,7 @@ def test_the_orientation_of_exif_is_obeyed_and_told(orientation, suffix, tmp_pat
     np.testing.assert_allclose(found, DECODERS["srgb"](np.moveaxis(SMOOTH, -1, 0)), atol=0.03)
 
 
-def test_a_grey_jpeg_has_three_equal_channels_and_garbage_in_exif_harms_nothing(tmp_path):
+def test_a_grey_jpeg_with_bad_exif_is_read(tmp_path):
     (tmp_path / "a.jpg").write_bytes(jpeg(SMOOTH[..., 0]))
     found = read_picture(tmp_path / "a.jpg")
     assert found.shape == (3, 32, 48) and np.array_equal(found[0], found[2])
@@ -137,7 +137,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("what", REFUSED)
-def test_what_cannot_be_read_is_refused_in_words(what, tmp_path, capfd):
+def test_unreadable_files_are_refused(what, tmp_path, capfd):
     make, words = REFUSED[what]
     (tmp_path / "a.picture").write_bytes(make())
     with pytest.raises(PictureError, match=f"a.picture: .*{words}"):
@@ -186,7 +186,7 @@ def test_the_angle_of_view_follows_from_exif(size, exif, wanted, tmp_path):
         ((40, 32), SENSOR, "it was cut to 40 x 32 of 6000 x 4000 pixels"),
     ],
 )
-def test_what_cannot_be_is_not_believed_and_said(size, exif, words, tmp_path):
+def test_impossible_exif_is_not_believed(size, exif, words, tmp_path):
     path = photo(tmp_path / "a.jpg", size, **exif)
     with pytest.warns(PictureWarning, match=words):
         assert angle_of_view(path) is None
@@ -233,7 +233,7 @@ def tiff(codes, bits, *, white_is_zero, predictor, compression, order, reversed_
     st.sampled_from("<>"),
     st.booleans(),
 )
-def test_a_tiff_is_read_to_its_last_step_or_refused(
+def test_a_tiff_is_read_fully_or_refused(
     tmp_path_factory, bits, samples, white_is_zero, predictor, compression, order, reversed_bits
 ):
     codes = np.random.default_rng(0).integers(0, 2**bits, size=(HEIGHT, WIDTH, samples))
@@ -252,7 +252,7 @@ def test_a_tiff_is_read_to_its_last_step_or_refused(
 
 
 @pytest.mark.parametrize(("photometric", "words"), [(8, "its colours are CIE"), (32803, "is a raw file of a camera")])
-def test_colours_that_are_no_light_are_refused(photometric, words, tmp_path):
+def test_non_rgb_tiffs_are_refused(photometric, words, tmp_path):
     codes = np.random.default_rng(0).integers(0, 256, size=(HEIGHT, WIDTH, 3))
     how = {"white_is_zero": False, "predictor": 1, "compression": 1, "order": "<", "reversed_bits": False}
     data = tiff(codes, 8, **how)

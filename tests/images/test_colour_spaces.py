@@ -102,7 +102,7 @@ def with_profile(path, stored, icc):
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".jpg"])
-def test_numbers_that_a_profile_says_are_linear_are_read_as_light(suffix, tmp_path):
+def test_a_linear_profile_is_read_as_light(suffix, tmp_path):
     path = tmp_path / f"a{suffix}"
     smooth = np.round(65535 * np.kron(LIGHT, np.ones((8, 8, 1))))
     with_profile(path, smooth, profile(LINEAR))
@@ -138,7 +138,7 @@ def test_the_forms_of_a_parametric_curve(form):
     np.testing.assert_allclose(space.decode(encoded), wanted(encoded), atol=1e-4)
 
 
-def test_profiles_of_srgb_say_nothing_new_and_one_of_grey_has_one_curve(tmp_path):
+def test_srgb_and_grey_profiles_are_read(tmp_path):
     of_lcms = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     assert read_profile(of_lcms) is None and read_profile(profile(SRGB_FORMULA)) is None
     grey = np.arange(0, 240, 8, dtype=np.uint8).reshape(5, 6)
@@ -157,7 +157,7 @@ def test_profiles_of_srgb_say_nothing_new_and_one_of_grey_has_one_curve(tmp_path
     ],
 )
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
-def test_a_profile_that_is_not_understood_is_refused_unless_told(suffix, icc, words, tmp_path):
+def test_an_unknown_profile_is_refused(suffix, icc, words, tmp_path):
     path = tmp_path / f"a{suffix}"
     with_profile(path, np.round(65535 * LIGHT), icc)
     with pytest.raises(PictureError, match=words):
@@ -173,7 +173,7 @@ def exr_part(light, name="", **header):
 
 
 @pytest.mark.parametrize("primaries", [AP0, P3, BT_2020, XYZ])
-def test_the_light_of_an_exr_in_other_primaries_is_the_same_light(primaries, tmp_path):
+def test_exr_primaries_keep_the_light(primaries, tmp_path):
     rgb = np.moveaxis(LIGHT, -1, 0)
     stored = LIGHT @ np.linalg.solve(rgb_to_xyz(primaries), rgb_to_xyz(REC_709)).T
     OpenEXR.File([exr_part(stored, chromaticities=primaries)]).write(str(tmp_path / "a.exr"))
@@ -207,7 +207,7 @@ CONVERTED = "its primaries are others"
         ("lin_rec709_scene", {"colorInteropID": "data", **OTHERS}, []),
     ],
 )
-def test_an_exr_of_a_linear_space_with_an_id_is_converted_as_others_convert_it(space, header, words, tmp_path, recwarn):
+def test_an_exr_colour_space_id_is_converted(space, header, words, tmp_path, recwarn):
     OpenEXR.File([exr_part(converted(space), **header)]).write(str(tmp_path / "a.exr"))
     found = read_picture(tmp_path / "a.exr")
     np.testing.assert_allclose(np.moveaxis(found, 0, -1), LIGHT, atol=2e-5)
@@ -215,7 +215,7 @@ def test_an_exr_of_a_linear_space_with_an_id_is_converted_as_others_convert_it(s
     assert len(told) == len(words) and all(word in one for word, one in zip(words, told, strict=True))
 
 
-def test_each_part_of_an_exr_has_its_space_and_the_first_speaks_for_those_that_say_nothing(tmp_path):
+def test_each_exr_part_has_its_colour_space(tmp_path):
     first = exr_part(converted("lin_ap1_scene"), "beauty", colorInteropID="lin_ap1_scene")
     others = [exr_part(converted("lin_ap1_scene"), "diffuse"), exr_part(LIGHT, "normal", colorInteropID="data")]
     OpenEXR.File([first, *others]).write(str(tmp_path / "a.exr"))
@@ -228,7 +228,7 @@ def test_each_part_of_an_exr_has_its_space_and_the_first_speaks_for_those_that_s
 
 @pytest.mark.parametrize("space", ["srgb_rec709_scene", "g22_ap1_scene", "pq_rec2020_display", "studio:lin_gamut", ""])
 @pytest.mark.parametrize("channels", ["RGB", "Y"])
-def test_an_exr_that_says_it_is_not_of_linear_light_of_a_known_space_is_refused(space, channels, tmp_path):
+def test_an_exr_of_unknown_light_is_refused(space, channels, tmp_path):
     header = {"type": OpenEXR.scanlineimage, "colorInteropID": space}
     stored = {name: np.full((2, 3), 0.5, np.float32) for name in channels}
     OpenEXR.File(header, stored).write(str(tmp_path / "a.exr"))
@@ -250,7 +250,7 @@ CODES = CODES.astype(np.uint8)
     ],
 )
 @pytest.mark.parametrize("suffix", [".tif", ".jpg"])
-def test_what_tiff_and_exif_say_of_primaries_is_obeyed_unless_told(suffix, tags, primaries, tmp_path):
+def test_primaries_of_tiff_and_exif_hold(suffix, tags, primaries, tmp_path):
     path, exif = tmp_path / f"a{suffix}", Image.Exif()
     exif.update(tags)
     Image.fromarray(CODES).save(path, exif=exif, quality=100, subsampling=0)
@@ -273,7 +273,7 @@ def test_what_tiff_and_exif_say_of_primaries_is_obeyed_unless_told(suffix, tags,
         ({532: (16, 235, 16, 235, 16, 235)}, r"ReferenceBlackWhite of \[16.*235.*; 0 and 255 are wanted"),
     ],
 )
-def test_a_tiff_that_says_of_its_colours_what_cannot_be_is_refused(tags, words, tmp_path):
+def test_impossible_tiff_colours_are_refused(tags, words, tmp_path):
     types = ImageFileDirectory_v2()
     for tag, value in tags.items():
         types.tagtype[tag] = 7 if isinstance(value, bytes) else 5 if tag in (319, 532) else 3
@@ -284,12 +284,12 @@ def test_a_tiff_that_says_of_its_colours_what_cannot_be_is_refused(tags, words, 
 
 
 @pytest.mark.parametrize("levels", [(0, 255) * 3, (0, 255, 128, 255, 128, 255)])
-def test_a_tiff_that_says_that_its_range_is_full_is_read(levels, tmp_path):
+def test_a_full_range_tiff_is_read(levels, tmp_path):
     Image.fromarray(CODES).save(tmp_path / "a.tif", tiffinfo={532: levels})
     np.testing.assert_allclose(np.moveaxis(read_picture(tmp_path / "a.tif"), 0, -1), DECODERS["srgb"](CODES), atol=1e-6)
 
 
-def test_primaries_of_rec_709_are_nothing_new_and_what_is_no_triangle_is_refused():
+def test_impossible_primaries_are_refused():
     assert to_rec_709(tuple(round(x, 3) for x in REC_709)) is None
     for broken in ((0.3, 0.3) * 4, (*REC_709[:7], 0.0), (np.nan, *REC_709[1:])):
         with pytest.raises(ValueError, match="has chromaticities that are"):
@@ -308,7 +308,7 @@ def test_primaries_of_rec_709_are_nothing_new_and_what_is_no_triangle_is_refused
         ),
     ],
 )
-def test_a_png_in_other_primaries_is_converted(chunks, to_light, tmp_path):
+def test_png_primaries_are_converted(chunks, to_light, tmp_path):
     codes = np.random.default_rng(9).integers(40, 220, size=(4, 6, 3)).astype(np.uint8)
     stored = io.BytesIO()
     Image.fromarray(codes).save(stored, "PNG")

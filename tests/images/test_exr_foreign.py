@@ -39,7 +39,7 @@ def colours(layer):
 
 @pytest.mark.parametrize("compression", ["NO", "RLE", "ZIPS", "ZIP", "PIZ", "ZSTD", "B44", "B44A", "HTJ2K256"])
 @pytest.mark.parametrize("storage", [OpenEXR.scanlineimage, OpenEXR.tiledimage])
-def test_reads_lossless_files_of_other_programs(tmp_path, compression, storage):
+def test_reads_lossless_foreign_files(tmp_path, compression, storage):
     header = {"compression": getattr(OpenEXR, f"{compression}_COMPRESSION"), "type": storage}
     if storage == OpenEXR.tiledimage:
         header["tiles"] = OpenEXR.TileDescription()
@@ -56,7 +56,7 @@ def test_reads_lossless_files_of_other_programs(tmp_path, compression, storage):
         *(("B44", np.float32, False), ("B44A", np.float32, False), ("PXR24", np.float16, False)),
     ],
 )
-def test_warns_exactly_when_compression_changes_pixels(tmp_path, compression, dtype, is_lossy):
+def test_warns_only_of_lossy_compression(tmp_path, compression, dtype, is_lossy):
     pixels = RANDOM.random((64, 64)).astype(dtype)
     path = store(
         tmp_path / "a.exr",
@@ -113,7 +113,7 @@ def test_pixels_land_in_the_display_window(tmp_path_factory, data, display):
             read_exr(path)
 
 
-def test_blender_parts_with_names_of_their_own(tmp_path):
+def test_blender_part_names_are_read(tmp_path):
     parts = {"ViewLayer.Combined": colours("ViewLayer.Combined"), "ViewLayer.Depth": {"ViewLayer.Depth.Z": DEPTH}}
     path = store_parts(tmp_path / "a.exr", parts)
     assert len(read_exr(path).channels) == 4
@@ -121,7 +121,7 @@ def test_blender_parts_with_names_of_their_own(tmp_path):
     assert list(read_exr(path, layer="Depth").channels) == ["ViewLayer.Depth.Z"]
 
 
-def test_parts_with_the_same_names_get_the_name_of_the_part(tmp_path):
+def test_same_names_get_the_name_of_the_part(tmp_path):
     left, right = {**CLEAN, "A": DEPTH}, {"R": BLUE, "G": GREEN, "B": RED}
     path = store_parts(tmp_path / "a.exr", {"left": left, "right": right, "depth": {"Z": DEPTH}})
     names = ["left.A", "left.B", "left.G", "left.R", "right.B", "right.G", "right.R", "Z"]
@@ -179,7 +179,7 @@ def test_refuses_to_guess(tmp_path, channels, layer, words):
     assert str(caught.value).startswith(f"{path}: ")
 
 
-def test_keeps_infinite_depths_of_other_programs(tmp_path):
+def test_keeps_infinite_depths(tmp_path):
     path = store(tmp_path / "a.exr", {**CLEAN, "depth.Z": np.full((9, 13), np.inf, np.float32)})
     assert np.isinf(read_exr(path).channels["depth.Z"]).all()
     assert read_picture(path).shape == (3, 9, 13)
@@ -232,13 +232,13 @@ def test_refuses_subsampled_channels(tmp_path):
         read_exr(path)
 
 
-def test_luminance_with_chroma_is_no_grey_picture(tmp_path):
+def test_luminance_with_chroma_is_not_grey(tmp_path):
     with pytest.raises(PictureError, match="R, G, B or a grey Y is wanted"):
         read_picture(store(tmp_path / "a.exr", {"Y": RED, "RY": GREEN, "BY": BLUE}))
 
 
 @pytest.mark.parametrize("stored", ["not JSON", "[1]", 7])
-def test_broken_metadata_is_no_reason_to_refuse_pixels(tmp_path, stored):
+def test_broken_metadata_is_ignored(tmp_path, stored):
     path = store(tmp_path / "a.exr", CLEAN, raytrace_jax=stored)
     with pytest.warns(PictureWarning, match="is not a JSON object"):
         assert read_exr(path).metadata == {}

@@ -81,7 +81,7 @@ def stored(tmp_path):
     coding=st.sampled_from([FLAT, CHANNEL_RUNS]),
     seed=st.integers(0, 1000),
 )
-def test_every_coding_gives_the_formula_and_is_known_by_its_contents(tmp_path_factory, lines, length, coding, seed):
+def test_every_coding_is_recognised_and_read(tmp_path_factory, lines, length, coding, seed):
     pixels = pixels_with_runs(lines, length, np.random.default_rng(seed))
     pixels[0, 10:-10] = pixels[0, 10 % length]  # A run of more than a byte, and more than 127.
     pixels[0, length // 2, 3] *= seed % 2
@@ -96,7 +96,7 @@ def test_every_coding_gives_the_formula_and_is_known_by_its_contents(tmp_path_fa
     np.testing.assert_allclose(read_mask(path), picture.astype(float).mean(axis=0), rtol=1e-6)
 
 
-def test_what_a_header_says_and_changes_no_colour_is_no_reason_to_refuse(stored):
+def test_harmless_headers_are_read(stored):
     pixels = pixels_with_runs(2, 3)
     head = b"#?RGBE\r\nSOFTWARE=x\r\nEXPOSURE=1.0\r\nCOLORCORR=1 1 1\r\nGAMMA=1\r\nPRIMARIES=0 0 0 0 0 0 0 0\r\n"
     head += b"PRIMARIES=0.640 .33 0.3 0.6 0.15 0.06 0.3127 0.329\r\n"

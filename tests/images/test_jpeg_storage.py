@@ -28,7 +28,7 @@ def turned_jpeg(orientation, **options):
 @pytest.mark.parametrize("orientation", [1, 3, 6, 8, 5])
 @pytest.mark.parametrize("options", [{"quality": 90}, {"quality": 60, "subsampling": 2}])
 @pytest.mark.filterwarnings("ignore::raytrace_jax.PictureWarning")
-def test_a_picture_is_compressed_as_the_file_was(orientation, options, tmp_path):
+def test_a_picture_is_compressed_as_the_file(orientation, options, tmp_path):
     """Also a part of it, whatever squares it begins and ends in, but for those that it does not fill."""
     (tmp_path / "a.jpg").write_bytes(turned_jpeg(orientation, **options))
     storage, whole = jpeg_storage(tmp_path / "a.jpg"), read_picture(tmp_path / "a.jpg")
@@ -50,7 +50,7 @@ def test_numbers_are_those_of_the_transfer(tmp_path):
     np.testing.assert_allclose(jpeg_storage(tmp_path / "a.jpg").encode(light), np.moveaxis(PIXELS, -1, 0), atol=3e-3)
 
 
-def test_files_without_brightness_and_colour_have_none(tmp_path):
+def test_a_jpeg_without_ycbcr_has_no_storage(tmp_path):
     gray = io.BytesIO()
     Image.fromarray(PIXELS[..., 0]).save(gray, "JPEG")
     (tmp_path / "gray.jpg").write_bytes(gray.getvalue())
@@ -60,7 +60,7 @@ def test_files_without_brightness_and_colour_have_none(tmp_path):
         jpeg_storage(tmp_path / "a.jpg")
 
 
-def test_the_bias_of_a_jpeg_is_found_beside_noise(tmp_path):
+def test_the_jpeg_bias_is_found_in_noise(tmp_path):
     """A JPEG of quality 80 blurs a board of colours behind a lens; with the bias taken off little of that is left."""
     colors = np.kron(RANDOM.uniform(0.1, 0.8, (3, 10, 14)), np.ones((1, 9, 9)))
     picture = ndimage.gaussian_filter(colors, (0, 1, 1), mode="nearest")
@@ -82,7 +82,7 @@ def test_the_bias_of_a_jpeg_is_found_beside_noise(tmp_path):
 
 
 @pytest.mark.parametrize(("subsampling", "unit"), [(0, 8), (2, 16)])
-def test_what_a_jpeg_makes_of_noise_goes_together_in_its_squares_and_no_farther(subsampling, unit, tmp_path):
+def test_jpeg_noise_correlates_in_its_blocks(subsampling, unit, tmp_path):
     colors = np.kron(np.random.default_rng(5).uniform(0.1, 0.8, (3, 12, 16)), np.ones((1, 17, 17)))
     picture = ndimage.gaussian_filter(colors, (0, 1, 1), mode="nearest")
     pixels = np.zeros((*picture.shape[1:], 3), np.uint8)

@@ -52,19 +52,19 @@ RAW = {
 
 @pytest.mark.parametrize("read", [read_picture, read_mask])
 @pytest.mark.parametrize("name", RAW)
-def test_a_raw_file_is_refused_and_not_its_preview_read(name, read, tmp_path):
+def test_a_raw_file_is_refused(name, read, tmp_path):
     (tmp_path / name).write_bytes(RAW[name])
     with pytest.raises(PictureError, match=r"is a raw file of a camera: develop it \(docs/photograph\.md says how\)"):
         read(tmp_path / name)
 
 
-def test_a_tiff_with_smaller_copies_inside_is_no_raw_file(tmp_path):
+def test_a_pyramid_tiff_is_no_raw_file(tmp_path):
     (tmp_path / "a.tif").write_bytes(raw_tiff({REDUCED: 1}, {}))
     assert read_picture(tmp_path / "a.tif").shape == (3, 12, 16)
 
 
 @pytest.mark.parametrize("kind", ["AVIF", "BMP", "GIF", "JPEG2000", "PPM", "WEBP"])
-def test_other_formats_are_named_with_how_to_convert_them(kind, tmp_path):
+def test_other_formats_are_named_with_advice(kind, tmp_path):
     (PREVIEW.convert("L") if kind == "PPM" else PREVIEW).save(tmp_path / "a.picture", kind)
     with pytest.raises(PictureError, match=r"is a picture of another format \(.+\), and an OpenEXR .* `magick FILE"):
         read_picture(tmp_path / "a.picture")

@@ -45,12 +45,12 @@ def stored(tmp_path):
 
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize(("encode", "decode"), [(encode_course, decode_course), (encode_srgb, decode_srgb)])
-def test_every_stored_number_survives_decoding_to_float32_and_encoding(bits, encode, decode):
+def test_stored_numbers_survive_a_round_trip(bits, encode, decode):
     numbers = np.arange(2**bits, dtype=f"u{bits // 8}")
     np.testing.assert_array_equal(encode(decode(numbers).astype(np.float32), bits=bits), numbers)
 
 
-def test_course_encoding_truncates_and_clamps():
+def test_course_encoding_truncates():
     colours = np.array([-1.0, 0.0, 0.9999 / 255, 1 / 255, 0.5, 254.99 / 255, 1.0, 7.0])
     np.testing.assert_array_equal(encode_course(colours), [0, 0, 0, 1, 127, 254, 255, 255])
 
@@ -180,7 +180,7 @@ def test_refuses_every_truncation(stored, whole):
 
 
 @pytest.mark.parametrize("bits", [8, 16])
-def test_metadata_is_a_text_of_json_that_other_programs_see(bits, tmp_path):
+def test_metadata_is_json_that_others_see(bits, tmp_path):
     metadata = {"scene": "camera eye { … }", "size": np.array([4, 3])}
     write_png(tmp_path / "a.png", RGB, bits=bits, metadata=metadata)
     with Image.open(tmp_path / "a.png") as image:
@@ -193,7 +193,7 @@ def test_metadata_is_a_text_of_json_that_other_programs_see(bits, tmp_path):
 
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("transfer", ["course", "srgb"])
-def test_what_is_written_says_how_and_is_read_back_without_being_told(transfer, bits, tmp_path):
+def test_a_written_png_says_how_it_is_read(transfer, bits, tmp_path):
     path = tmp_path / "a.png"
     write_png(path, RGB, transfer=transfer, bits=bits)
     assert states_colours(path)
@@ -225,7 +225,7 @@ GAMMA_22, SRGB = chunk(b"gAMA", struct.pack(">I", 45000)), chunk(b"sRGB", b"\0")
         (chunk(b"gAMA", bytes(4)), decode_course),
     ],
 )
-def test_what_other_programs_say_of_their_colours_is_obeyed_unless_told(said, decode, stored):
+def test_foreign_colour_chunks_are_obeyed(said, decode, stored):
     whole = pillow_bytes(LEVELS)
     path = stored(whole[:33] + said + whole[33:])
     wanted = np.moveaxis(decode(LEVELS), -1, 0).astype(np.float32)
@@ -234,7 +234,7 @@ def test_what_other_programs_say_of_their_colours_is_obeyed_unless_told(said, de
     assert states_colours(path) == (decode is not decode_course)
 
 
-def test_what_is_no_light_of_a_scene_is_refused_unless_told(stored):
+def test_what_is_no_scene_light_is_refused(stored):
     whole = pillow_bytes(LEVELS)
     path = stored(whole[:33] + chunk(b"cICP", bytes([9, 16, 0, 1])) + whole[33:])
     with pytest.raises(PictureError, match="its primaries are 9 and its transfer is 16"):
@@ -244,21 +244,21 @@ def test_what_is_no_light_of_a_scene_is_refused_unless_told(stored):
 
 @pytest.mark.parametrize("cicp", [(1, 13, 0, 0), (1, 13, 1, 1), (9, 8, 9, 0), (1, 13, 0), (1, 8, 0, 1, 0)])
 @pytest.mark.parametrize("read", [read_png, lambda path: read_picture(path, transfer="srgb"), read_mask])
-def test_numbers_of_a_narrow_range_or_of_luminance_and_colour_differences_are_refused(cicp, read, stored):
+def test_narrow_range_and_ycbcr_are_refused(cicp, read, stored):
     whole = pillow_bytes(LEVELS)
     path = stored(whole[:33] + chunk(b"cICP", bytes(cicp)) + whole[33:])
     with pytest.raises(PictureError, match=r"says by cICP that its numbers are \(.*RGB of the full range"):
         read(path)
 
 
-def test_of_an_animation_the_first_picture_is_read_with_a_warning(tmp_path):
+def test_an_animation_gives_its_first_frame(tmp_path):
     first, second = (Image.fromarray(np.full((2, 3, 3), value, np.uint8)) for value in (51, 255))
     first.save(tmp_path / "a.png", save_all=True, append_images=[second])
     with pytest.warns(PictureWarning, match="is animated, and only its first picture is read"):
         np.testing.assert_array_equal(read_png(tmp_path / "a.png"), np.full((3, 2, 3), np.float32(51.5 / 255)))
 
 
-def test_refuses_unknown_transfers_and_missing_files(tmp_path):
+def test_bad_transfers_and_files_are_refused(tmp_path):
     write_png(tmp_path / "a.png", RGB)
     with pytest.raises(PictureError, match="no transfer 'linear'"):
         read_png(tmp_path / "a.png", transfer="linear")
@@ -266,7 +266,7 @@ def test_refuses_unknown_transfers_and_missing_files(tmp_path):
         read_png(tmp_path / "b.png", transfer="course")
 
 
-def test_read_picture_looks_at_the_contents_not_the_name(tmp_path):
+def test_read_picture_looks_at_the_contents(tmp_path):
     rgb = RGB.astype(np.float32)
     write_exr(tmp_path / "exr.png", {f"img.{name}": pixels for name, pixels in zip("RGB", rgb, strict=True)})
     np.testing.assert_array_equal(read_picture(tmp_path / "exr.png", layer="img"), rgb)
@@ -306,7 +306,7 @@ RAW_PROFILE = b"\nexif\n%8d\n" % (len(EXIF) + 6) + (b"Exif\0\0" + EXIF).hex().en
     ],
     ids=["before the pixels", "behind the pixels", "as ImageMagick wrote it"],
 )
-def test_a_png_is_turned_as_its_exif_says_and_so_is_a_mask(bits, part, place, tmp_path):
+def test_exif_turns_a_png_and_a_mask(bits, part, place, tmp_path):
     light = np.random.default_rng(3).uniform(0.1, 0.9, (3, 4, 6))
     write_png(tmp_path / "a.png", light, bits=bits)
     plain, mask = read_picture(tmp_path / "a.png"), read_mask(tmp_path / "a.png")

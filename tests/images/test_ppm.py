@@ -28,7 +28,7 @@ def test_it_is_the_picture_that_a_png_is(transfer, tmp_path):
 
 
 @given(st.sampled_from([255, 65535]), st.booleans(), st.integers(0, 99))
-def test_plain_and_raw_pictures_of_any_largest_number_are_read(tmp_path_factory, maximum, plain, seed):
+def test_plain_and_raw_ppms_are_read(tmp_path_factory, maximum, plain, seed):
     numbers = np.random.default_rng(seed).integers(0, maximum + 1, (2, 3, 3)).astype(f"u{1 + (maximum > 255)}")
     path = tmp_path_factory.mktemp("ppm") / "a"
     if plain:
@@ -41,7 +41,7 @@ def test_plain_and_raw_pictures_of_any_largest_number_are_read(tmp_path_factory,
         np.testing.assert_allclose(read_picture(path, transfer=transfer), expected, rtol=1e-6)
 
 
-def test_it_says_nothing_of_its_colours_and_stores_integers(tmp_path):
+def test_a_ppm_has_integers_and_no_profile(tmp_path):
     write_ppm(tmp_path / "a.ppm", PICTURE)
     assert not states_colours(tmp_path / "a.ppm") and read(tmp_path / "a.ppm").bits() == 8
 

@@ -17,7 +17,7 @@ WAYS = {
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("way", WAYS)
 @given(seed=st.integers(0, 2**31), single=st.booleans())
-def test_the_rounding_bounds_what_storing_did_and_is_about_half_a_step(way, bits, seed, single):
+def test_the_rounding_bounds_storage_errors(way, bits, seed, single):
     colors = np.random.default_rng(seed).uniform(-0.1, 1.1, (3, 8, 9))
     stored = WAYS[way](colors, bits)
     stored = stored.astype(np.float32).astype(np.float64) if single else stored
@@ -30,12 +30,12 @@ def test_the_rounding_bounds_what_storing_did_and_is_about_half_a_step(way, bits
 
 
 @given(seed=st.integers(0, 2**31))
-def test_a_picture_that_was_not_stored_has_none(seed):
+def test_an_unstored_picture_has_no_rounding(seed):
     assert not rounding_of(np.random.default_rng(seed).uniform(0, 1, (3, 8, 9))).any()
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32])
-def test_the_rounding_of_floats_bounds_what_storing_did(dtype):
+def test_float_rounding_bounds_the_error(dtype):
     colors = np.random.default_rng(0).uniform(size=(3, 20, 30))
     stored = colors.astype(dtype).astype(np.float64)
     rounding = rounding_of(stored)

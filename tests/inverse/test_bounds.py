@@ -45,14 +45,14 @@ def best(truth, noise=0.0):
     ],
 )
 @pytest.mark.parametrize("start", [(0.5, 0.5, 0.0), (0.0, 1.0, 0.0), (1e-12, 0.0, 1.0)])
-def test_a_solver_ends_at_the_least_squares_within_the_bounds(truth, reached, start):
+def test_bounded_least_squares_are_solved(truth, reached, start):
     problem, state = solved(np.array(truth), np.array(start))
     assert state.settled
     np.testing.assert_allclose(problem.values(state.y), best(np.array(truth)), atol=2e-6)
     assert reached is None or dict(bounds_reached(state.y, problem.unknowns)) == reached
 
 
-def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_error_bar():
+def test_a_bounded_answer_keeps_its_error():
     noise = white()
     problem, state = solved(np.array([0, 0.5, 0.7]), np.array([0.3, 0.3, 0.0]), noise)
     ended = minimise(GaussNewton(), state, lambda y: FitState.at(problem, y, state.stage), Recorder(problem).step)
@@ -61,7 +61,7 @@ def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_erro
 
 
 @given(st.sampled_from(TRANSFORMS[:2]), st.floats(-100, 100))
-def test_beyond_the_reach_is_its_end_and_the_derivative_there_is_that_inside(transform, y):
+def test_values_beyond_the_reach_are_clamped(transform, y):
     value = float(transform.to_value(jnp.asarray(y)))
     assert transform.lower <= value and value <= transform.upper
     for end in transform.reach:
@@ -70,7 +70,7 @@ def test_beyond_the_reach_is_its_end_and_the_derivative_there_is_that_inside(tra
 
 
 @pytest.mark.parametrize("share", [0.5, 1.0, 1.3])
-def test_a_step_that_leads_the_ball_over_the_camera_is_cut_short(share):
+def test_a_step_over_the_camera_is_shortened(share):
     scene = assignment_scene()
     target = np.random.default_rng(0).random((3, 6, 8))
     problem = posed_problem(scene, target, ["vitreous.center"], RenderSettings(size=(8, 6)))

@@ -56,7 +56,7 @@ def fitted(light, weight, **options):
 
 
 @pytest.mark.parametrize("sampling", ["point", "aware"])
-def test_an_answer_knows_no_unit_of_light_or_of_weights(sampling):
+def test_answers_ignore_the_unit_of_light(sampling):
     usual = fitted(1.0, 1.0, target_sampling=sampling)
     for light, weight in ((1e-30, 1.0), (1e30, 1.0), (1.0, 1e-30), (1.0, 1e30), (3e-7, 5e5)):
         found, unit = fitted(light, weight, target_sampling=sampling), light * weight**0.5
@@ -70,7 +70,7 @@ def test_an_answer_knows_no_unit_of_light_or_of_weights(sampling):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["grid", "stratified", "random", "8 bits", "JPEG 90"])
-def test_a_picture_of_another_program_is_read_within_its_errors(name):
+def test_foreign_pictures_fit_within_errors(name):
     row = calibration.run_fit(name, film=False, number=1)
     assert row["status"] == "converged"
     assert all(abs(row["off"][number]) < 3.6 * row["error"][number] for number in row["off"])

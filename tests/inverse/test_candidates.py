@@ -63,7 +63,7 @@ def seen_from(camera, points):
 @pytest.mark.parametrize(
     ("looking", "axes"), [((), ALL_FREE), (("viewpoint 0 0 5 lookat 2 1 0 fov 50",), {0: 4, 1: 7})]
 )
-def test_a_camera_sees_all_places_at_the_balls_depth_or_across_the_depths_axis_if_that_is_not_free(looking, axes):
+def test_a_camera_sees_all_places_tried(looking, axes):
     camera, center = lab_scene(*looking).camera, np.array([0.5, 0.2, -1])
     choice = across_picture(camera, center, axes)
     assert choice.places == tuple(axes.values())
@@ -76,12 +76,12 @@ def test_a_camera_sees_all_places_at_the_balls_depth_or_across_the_depths_axis_i
     assert len(axes) == 2 or np.allclose(seen[2, :, 1], SPREAD, atol=1e-12)
 
 
-def test_a_camera_in_its_own_image_plane_sees_no_other_place():
+def test_a_camera_in_its_plane_has_no_places():
     scene = set_parameters(assignment_scene(), {"cam1.viewpoint": (4, 3, 0)})
     assert across_picture(scene.camera, np.array([4.0, 3, -1]), ALL_FREE) is None
 
 
-def test_what_rays_never_reach_stays_where_it_is():
+def test_unreachable_places_keep_the_centre():
     """The plane across z through the ball is seen by the lower part of a picture that looks up steeply."""
     scene = lab_scene("viewpoint 0 0 5 lookat 0 4 4.9 up 0 0 1 fov 120")
     center = np.array([0.5, 7, 0.2])
@@ -95,7 +95,7 @@ def test_what_rays_never_reach_stays_where_it_is():
 
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
 @pytest.mark.parametrize("make", [assignment_scene, lab_scene])
-def test_a_scaled_scene_is_scanned_at_the_scaled_places(make, factor):
+def test_a_scaled_scene_scans_scaled_places(make, factor):
     scene = make()
     free = ["vitreous.center", "vitreous.ior"] if make is assignment_scene else ["ball.center", "ball.ior"]
     by = np.array([factor, factor, factor, 1])
@@ -105,7 +105,7 @@ def test_a_scaled_scene_is_scanned_at_the_scaled_places(make, factor):
             np.testing.assert_allclose(rows[1], rows[0] * by, rtol=1e-9, atol=1e-12 * factor)
 
 
-def test_indices_of_what_does_not_move_are_tried_alone_and_what_is_known_is_not():
+def test_unmoving_indices_are_scanned_alone():
     scene = lab_scene()
     ((grid,),) = groups(problem_of(scene, ["board.ior", "backdrop.center", "ball.radius"]))
     (choice,) = grid
@@ -114,7 +114,7 @@ def test_indices_of_what_does_not_move_are_tried_alone_and_what_is_known_is_not(
     assert groups(problem_of(scene, ["ball.ior"], {"ball.ior": (1.5, 0.1)})) == []
 
 
-def test_indices_of_one_material_are_tried_as_one():
+def test_indices_of_a_material_are_one_scan():
     """One a channel: three numbers do not make a grid of three dimensions."""
     scene = lab_scene(ior="1.61 1.62 1.63 transmission 1", more="settings main { model physical }")
     ((near, far),) = groups(problem_of(scene, ["glass.ior", "ball.center"]))
@@ -157,7 +157,7 @@ def solution(index, shown, free=FREE):
         (1.2, False, FREE, {}),
     ],
 )
-def test_a_ball_without_which_the_picture_is_as_good_is_not_seen_and_open(index, shown, free, unseen):
+def test_an_unseen_ball_is_open(index, shown, free, unseen):
     found = solution(index, shown, free)
     assert unseen_balls(found) == unseen
     sure = with_open(quantify_uncertainty(found, None), free, free[:2])

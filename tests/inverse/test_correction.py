@@ -47,7 +47,7 @@ def stacked(*scenes):
 
 
 @pytest.mark.parametrize("count", [0, 1, 400])
-def test_listed_points_of_several_scenes_are_those_of_their_pictures(count, small_batches):
+def test_listed_points_match_the_pictures(count, small_batches):
     """Of more batches than there are slots, of which some stay empty."""
     scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.337, 1.5, 1.2)]
     images = [np.asarray(render(scene, SMALL).image) for scene in scenes]
@@ -59,7 +59,7 @@ def test_listed_points_of_several_scenes_are_those_of_their_pictures(count, smal
 
 
 @pytest.mark.parametrize("binning", [1, 2])
-def test_points_between_pixels_are_those_of_samples(binning, small_batches):
+def test_points_between_pixels_match_samples(binning, small_batches):
     scene, how = assignment_scene(), dataclasses.replace(SMALL, crop=None, binning=binning)
     image = np.asarray(render(scene, dataclasses.replace(how, samples=2)).image)
     row, column = np.divmod(np.arange(image[0].size), image.shape[2])
@@ -71,7 +71,7 @@ def test_points_between_pixels_are_those_of_samples(binning, small_batches):
 
 
 @pytest.mark.slow
-def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
+def test_the_edge_aware_bias_is_found():
     """With exposure, offset and a crop: the picture of lattices is the mean over 40 x 40 samples."""
     scene = assignment_scene()
     settings = SMALL
@@ -85,7 +85,7 @@ def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
     assert after.max() < 2e-3 and after.mean() < 0.25 * before.mean()
 
 
-def test_a_picture_whose_samples_agree_with_it_everywhere_has_no_bias():
+def test_an_exact_picture_has_no_bias():
     columns = np.random.default_rng(0).normal(size=(2, 3, 12, 16))
     problem = sampled(linear_problem(columns, columns[0], start=np.array([0.99, 0.02])), Sampling())
     found = settle(problem, FitState.at(problem, problem.start(), AWARE), Recorder(problem))

@@ -44,7 +44,7 @@ def test_blur_keeps_constants_and_is_linear(sigma, seed):
     np.testing.assert_allclose(blur(jnp.full((3, 12, 17), 0.7), jnp.asarray(sigma)), 0.7, rtol=1e-12)
 
 
-def test_blur_of_zero_changes_nothing_and_of_a_point_has_its_sigma():
+def test_blur_of_a_point_has_its_sigma():
     image = jnp.zeros((1, 61, 61)).at[0, 30, 30].set(1.0)
     np.testing.assert_array_equal(blur(image, jnp.asarray(0.0)), image)
     spot = np.asarray(blur(image, jnp.asarray(3.0)))[0]
@@ -56,7 +56,7 @@ def test_blur_of_zero_changes_nothing_and_of_a_point_has_its_sigma():
     st.sampled_from([f"vitreous.{name}" for name in ("ior", "radius", "alpha", "diffuse.r", "center.x")]),
     st.floats(0.05, 0.9),
 )
-def test_transforms_are_inverted_and_hold_their_bounds(name, value):
+def test_transforms_invert_and_hold_bounds(name, value):
     value = value + 1 if name == "vitreous.ior" else value
     transform = Transform(*resolve(assignment_scene(), name).attribute.quantity.range_at(value))
     assert float(transform.to_value(jnp.asarray(transform.to_unknown(value)))) == pytest.approx(value, rel=1e-10)
@@ -88,7 +88,7 @@ def followed(target, scene, **options):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("which", ["met_nearby", "met"])
-def test_a_point_sampled_target_is_met_to_rounding(which, request):
+def test_a_point_target_is_met_to_rounding(which, request):
     result, steps, _ = request.getfixturevalue(which)
     assert result.status == "converged", result.message
     np.testing.assert_allclose(result.value, ANSWER, atol=1e-7)
@@ -114,7 +114,7 @@ def test_a_fit_compiles_each_program_once(which, request):
 
 
 @pytest.mark.slow
-def test_a_fit_to_a_box_filtered_target_needs_no_other_program_for_its_picture(met):
+def test_a_box_target_needs_no_more_programs(met):
     """Its pixels come in batches as those of a search do; a bias that lay on all devices would make another program."""
     truth = set_parameters(assignment_scene(), TRUTH)
     target = render(truth, dataclasses.replace(POINT, samples=9)).image
@@ -127,14 +127,14 @@ def test_a_fit_to_a_box_filtered_target_needs_no_other_program_for_its_picture(m
     np.testing.assert_allclose(result.value, ANSWER, atol=2e-3)
 
 
-def test_a_budget_interrupts_and_keeps_what_there_is(target):
+def test_a_budget_keeps_what_there_is(target):
     result = fit(assignment_scene(), target, FREE, POINT, search=False, max_seconds=1e-9)
     assert result.status == "interrupted" and "more time" in result.advice
     np.testing.assert_array_equal(result.value, result.initial)
 
 
 @pytest.mark.slow
-def test_the_picture_of_something_else_is_not_converged(target):
+def test_another_picture_is_not_converged(target):
     result = fit(assignment_scene(), target[:, ::-1], FREE, POINT, search=False)
     assert result.status == "not_converged", result.message
     assert "structure" in result.message
@@ -142,7 +142,7 @@ def test_the_picture_of_something_else_is_not_converged(target):
 
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("samples", "sampling"), [(1, "point"), (6, "box")])
-def test_how_a_target_was_sampled_is_told_near_the_answer_in_spite_of_noise(samples, sampling):
+def test_sampling_is_told_despite_noise(samples, sampling):
     scene = assignment_scene()
     target = render(scene, dataclasses.replace(POINT, samples=samples)).image
     noise = np.random.default_rng(1).normal(0, 1 / 255, target.shape)

@@ -37,7 +37,7 @@ def solve(target, truth, **options):
     return fit(start, target, FREE, SETTINGS, **options)
 
 
-def test_a_tied_parameter_follows_and_the_noise_is_found(clean, truth):
+def test_a_tied_parameter_follows_its_leader(clean, truth):
     result = solve(noisy(clean), truth)
     assert result.status == "converged", result.message
     np.testing.assert_array_equal(get_parameter(result.scene, "red.diffuse"), result.value[1:])
@@ -69,7 +69,7 @@ sphere ball { material white center 4.6 3 -1 radius 1.5 }
 
 
 @pytest.mark.slow
-def test_two_places_that_look_the_same_are_ambiguous():
+def test_two_alike_places_are_ambiguous():
     """Through a slit a ball to the left looks like one to the right."""
     scene = parse_scene(STRIP)
     target = np.asarray(render(scene, RenderSettings(samples=8)).image)
@@ -90,7 +90,7 @@ def test_two_places_that_look_the_same_are_ambiguous():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
-def test_the_fit_of_a_scaled_scene_is_the_scaled_fit(factor):
+def test_the_fit_of_a_scaled_scene_is_scaled(factor):
     """The unit of length says nothing: the solver takes the same steps to the same index and the scaled center."""
     free, answer = ["vitreous.ior", "vitreous.center"], np.array([1.339, 4.302, 2.299, -1.003])
     scene, options = assignment_scene(), {"search": False, "edges": "point", "target_sampling": "point"}

@@ -29,7 +29,7 @@ def errors_of(target, *balls, free, start, **hidden):
 
 @pytest.mark.slow
 @pytest.mark.optimized
-def test_the_index_of_a_ball_is_read_to_its_error_bar():
+def test_the_index_is_read_within_its_error():
     result, off, in_errors = errors_of("fit_ball.exr", BALL, free=["m1.ior", "s1.center"], start=NEAR)
     assert result.status == "converged" and result.target_samples == 8, result.message
     assert off[0] < 2e-5 and off.max() < 6e-5
@@ -38,7 +38,7 @@ def test_the_index_of_a_ball_is_read_to_its_error_bar():
 
 @pytest.mark.slow
 @pytest.mark.optimized
-def test_a_wrong_radius_is_not_converged_to_a_wrong_index():
+def test_a_wrong_radius_does_not_converge():
     wrong = {"s1.radius": 1.001}
     result, off, in_errors = errors_of("fit_ball.exr", BALL, free=["m1.ior", "s1.center"], start=NEAR, **wrong)
     assert off[0] > 1e-4 and (result.status != "converged" or in_errors.max() < 3), result.message
@@ -46,7 +46,7 @@ def test_a_wrong_radius_is_not_converged_to_a_wrong_index():
 
 @pytest.mark.slow
 @pytest.mark.optimized
-def test_lines_of_a_level_board_do_not_hold_a_free_field_of_view():
+def test_a_level_board_leaves_fov_open():
     """They change sides of a row of samples all at once: steps with the derivative end nine errors off."""
     scene = load_scene(PICTURES / "numpy_ball.txt", dtype=np.float64)
     target = read_picture(PICTURES / "numpy_ball.png", transfer="srgb")

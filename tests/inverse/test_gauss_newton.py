@@ -18,7 +18,7 @@ def move(columns, target):
 
 
 @pytest.mark.slow
-def test_it_is_one_where_residuals_pull_at_random_whatever_their_sizes():
+def test_random_residuals_move_by_one_error():
     random = np.random.default_rng(2)
     sizes = np.where(random.uniform(size=COLUMNS.shape[1:]) < 0.01, 100.0, 0.01)
     for scale in (1.0, sizes):
@@ -26,13 +26,13 @@ def test_it_is_one_where_residuals_pull_at_random_whatever_their_sizes():
         assert 0.8 < np.sqrt(np.mean(np.square(found))) < 1.2
 
 
-def test_it_is_large_where_they_pull_together_and_nothing_where_nothing_pulls():
+def test_only_a_common_pull_moves_far():
     noise = 0.01 * np.random.default_rng(3).normal(size=COLUMNS.shape[1:])
     assert move(COLUMNS, np.tensordot([0.1, 0, 0], COLUMNS, 1) + noise) > 10
     assert move(np.zeros_like(COLUMNS), noise) == 0
 
 
-def test_columns_of_one_direction_are_no_division_by_nothing():
+def test_equal_columns_stay_finite():
     same = np.stack([COLUMNS[0], COLUMNS[0], 2 * COLUMNS[0]])
     assert np.isfinite(move(same, np.random.default_rng(4).normal(size=COLUMNS.shape[1:])))
 
@@ -54,19 +54,19 @@ def to_and_fro(apart):
 
 
 @pytest.mark.parametrize("apart", [np.finfo(float).eps, 1e-5])
-def test_steps_to_and_fro_end_soon_with_an_error_that_holds_both_answers(apart):
+def test_a_zigzag_ends_within_its_error(apart):
     ended, looks, truth, far = to_and_fro(apart)
     assert ended.settled and looks <= 4
     left = np.abs(ended.next_step)
     assert np.all(left <= 1.01 * np.abs(far - truth) + 0.01 * apart + 1e-3 * apart**0.5)
 
 
-def test_an_answer_too_far_for_a_linear_step_is_not_one_of_rest():
+def test_a_far_answer_is_not_settled():
     ended, looks, _, _ = to_and_fro(2.0)
     assert not ended.settled and looks == 0 and ended.next_move > 10
 
 
-def test_steps_are_told_and_counted_by_their_level_and_one_that_does_not_lead_is_not_the_answer():
+def test_steps_are_counted_by_level():
     columns, steps, phases = np.random.default_rng(0).normal(size=(2, 3, 4, 4)), [], []
     recorder = Recorder(linear_problem(columns, columns[0]), steps.append, phases.append)
     recorder.phase("solving")

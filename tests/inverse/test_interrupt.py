@@ -67,7 +67,7 @@ PHASES = ["scanning: compiling", "scanning, ", "solving from start 1", "solving 
 
 
 @pytest.mark.parametrize("begin", PHASES)
-def test_stopped_before_the_whole_picture_it_has_values_and_no_more(begin, calls, tmp_path):
+def test_stopped_early_it_has_only_values(begin, calls, tmp_path):
     result, seen = stopped_fit(calls, phase=lambda words: words.startswith(begin))
     assert seen == [len(calls)]
     assert result.status == "interrupted" and ("without error bars" in result.message or not result.history.steps)
@@ -79,14 +79,14 @@ def test_stopped_before_the_whole_picture_it_has_values_and_no_more(begin, calls
     assert np.isnan(result.parameters["a.center.x"].error)
 
 
-def test_stopped_in_a_level_it_has_the_last_step(calls):
+def test_stopped_in_a_level_it_has_its_step(calls):
     result, seen = stopped_fit(calls, step=lambda step: step.level == 3)
     assert seen == [len(calls)]
     np.testing.assert_array_equal(result.value, result.history.steps[-1].value)
     assert result.pictures.estimate is None
 
 
-def test_stopped_after_the_whole_picture_it_keeps_the_solution(calls):
+def test_stopped_late_it_keeps_the_solution(calls):
     result, seen = stopped_fit(calls, phase=lambda words: words.startswith("profile"), profiles=["a.center.x"])
     assert seen == [len(calls)]
     assert result.status == "interrupted" and "came to rest, but the model was not checked" in result.message
@@ -97,7 +97,7 @@ def test_stopped_after_the_whole_picture_it_keeps_the_solution(calls):
 
 
 @pytest.mark.parametrize("by_clock", [True, False])
-def test_stopped_in_the_check_of_the_model_it_says_that_this_is_missing(by_clock, calls, monkeypatch):
+def test_stopped_in_the_check_it_says_so(by_clock, calls, monkeypatch):
     """The time ends, or Ctrl-C comes, while the check renders; it renders nothing more."""
     checking, rendered, points, stop = [], [], PROGRAMS["points"], Recorder.check_clock
 
@@ -135,7 +135,7 @@ def ctrl_c():
 
 @pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.parametrize("by_clock", [True, False])
-def test_what_cannot_be_interrupted_is_left_behind(by_clock, calls, monkeypatch):
+def test_uninterruptible_work_is_left_behind(by_clock, calls, monkeypatch):
     """As a compilation: it ends when it ends, and nothing comes after it."""
     go_on, phases, threads = threading.Event(), [], set(threading.enumerate())
 
@@ -165,7 +165,7 @@ def test_what_cannot_be_interrupted_is_left_behind(by_clock, calls, monkeypatch)
         thread.join(10)
 
 
-def test_what_is_unknown_is_null_in_the_report_and_no_picture_is_written(calls, tmp_path):
+def test_unknown_numbers_are_null_in_json(calls, tmp_path):
     result, _ = stopped_fit(calls, phase=lambda words: words.startswith("solving from"), sigma=0.02)
     for name in ("fit.exr", "residual.exr"):
         (tmp_path / name).write_bytes(b"of an earlier fit")

@@ -27,7 +27,7 @@ def two_balls():
 
 
 @pytest.mark.parametrize("suffix", [".exr", ".png"])
-def test_the_program_that_made_a_picture_is_read_off_its_file(suffix, tmp_path):
+def test_the_maker_is_read_off_the_file(suffix, tmp_path):
     path = tmp_path / f"a{suffix}"
     if suffix == ".exr":
         header = {"type": OpenEXR.scanlineimage, "generatedBy": MITSUBA}
@@ -41,7 +41,7 @@ def test_the_program_that_made_a_picture_is_read_off_its_file(suffix, tmp_path):
     assert read_origin(path).maker == MITSUBA
 
 
-def test_mitsubas_offset_is_an_uncertainty_of_radii_that_are_fixed():
+def test_mitsuba_makes_radii_uncertain():
     scene, free = two_balls(), ["ball.center.x", "glass.ior"]
     with pytest.warns(PictureWarning, match=r"uncertain are ball.radius=0\.00036, other.radius=0\.0004;"):
         options = with_known_offsets(FitOptions(), scene, free, MITSUBA)
@@ -65,7 +65,7 @@ def test_mitsubas_offset_is_an_uncertainty_of_radii_that_are_fixed():
         pytest.param(RenderSettings(size=(8, 6), edges="aware"), {"target_sampling": "aware"}, marks=pytest.mark.slow),
     ],
 )
-def test_how_a_target_was_sampled_is_read_off_our_own_files(how, wanted, suffix, tmp_path):
+def test_own_files_say_how_they_were_sampled(how, wanted, suffix, tmp_path):
     path, scene = tmp_path / f"a.{suffix}", assignment_scene()
     if suffix == "exr":
         write_film(path, render(scene, how), scene, how)
@@ -78,5 +78,5 @@ def test_how_a_target_was_sampled_is_read_off_our_own_files(how, wanted, suffix,
 
 
 @pytest.mark.parametrize("said", [{}, {"settings": 3}, {"settings": {"edges": "aware", "samples": 2, "binning": 1}}])
-def test_what_says_nothing_of_it_changes_nothing(said):
+def test_a_silent_file_changes_no_options(said):
     assert FitOptions().as_made(said) == FitOptions()

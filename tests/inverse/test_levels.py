@@ -36,7 +36,7 @@ def searched(seed, film):
 
 @pytest.mark.parametrize("gain", [0.9, 1.0])
 @pytest.mark.parametrize("seed", range(4))
-def test_what_the_scene_lacks_drives_no_film_away(seed, gain):
+def test_an_incomplete_scene_keeps_the_film(seed, gain):
     steps, found = searched(seed, {"film.gain": (gain,) * 3, "film.blur": 0.7})
     blurred = np.array([step.value for step in steps if step.blur > 0])
     np.testing.assert_array_equal(blurred[:, 1:], np.tile(blurred[0, 1:], (len(blurred), 1)))
@@ -45,7 +45,7 @@ def test_what_the_scene_lacks_drives_no_film_away(seed, gain):
     np.testing.assert_allclose(found, [TRUTH, 0.9, 0.02, 1.0], atol=0.1)
 
 
-def test_a_blur_that_is_more_than_a_levels_is_free_on_it():
+def test_a_film_blur_above_a_levels_is_free():
     steps, found = searched(0, {"film.gain": (0.9,) * 3, "film.blur": 5.0})
     assert np.ptp([step.value[3] for step in steps if step.blur == 2.0]) > 0.5
     assert found[3] == pytest.approx(1, abs=0.1)

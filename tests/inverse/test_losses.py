@@ -30,7 +30,7 @@ def at(name, ratio, scale):
 
 
 @given(names, ratios, scales)
-def test_half_the_square_is_the_loss_and_the_sign_stays(name, ratio, scale):
+def test_the_robust_residual_gives_the_loss(name, ratio, scale):
     loss, r, s = at(name, ratio, scale)
     found = float(loss.residual(r, s))
     assert found**2 / 2 == pytest.approx(float(DEFINITIONS[name](float(r), scale)), rel=2e-8)
@@ -38,7 +38,7 @@ def test_half_the_square_is_the_loss_and_the_sign_stays(name, ratio, scale):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_score_and_curvature_are_the_differences_of_the_definition(name):
+def test_score_and_curvature_are_differences(name):
     """No automatic derivative is trusted here, nor any formula but the definition."""
     loss, s, step = LOSSES[name], 0.7, 1e-4
     r = np.array([-30.0, -2.0, -0.69, -0.3, -1e-3, 0.0, 1e-3, 0.5, 0.71, 5.0])
@@ -50,7 +50,7 @@ def test_score_and_curvature_are_the_differences_of_the_definition(name):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_the_residuals_derivative_is_finite_and_never_pulls_harder_than_least_squares(name, dtype):
+def test_residual_slopes_lie_within_0_and_1(name, dtype):
     positive = np.concatenate([[0.0], np.logspace(-30, 12, 400)])
     r = jnp.asarray(np.concatenate([-positive, positive, [1.0, -1.0]]), dtype)
     slope = jax.jit(jax.vmap(jax.grad(lambda r: LOSSES[name].residual(r, jnp.asarray(1.0, dtype)))))(r)
@@ -66,7 +66,7 @@ def test_an_infinite_scale_is_least_squares(ratio, scale):
     assert float(loss.curvature(r, infinite)) == 1
 
 
-def test_the_tuning_keeps_95_percent_of_the_efficiency_of_least_squares():
+def test_cauchy_is_95_percent_efficient():
     """An estimate's variance is E[score^2] / E[curvature]^2; that of least squares on standard Gaussian noise is 1."""
     loss, r = LOSSES["cauchy"], np.linspace(-12, 12, 400_001)
     weight = np.exp(-(r**2) / 2) / np.sqrt(2 * np.pi) * (r[1] - r[0])
@@ -76,14 +76,14 @@ def test_the_tuning_keeps_95_percent_of_the_efficiency_of_least_squares():
 
 
 @given(names, ratios, scales)
-def test_weighted_squares_touch_the_loss_from_below(name, ratio, scale):
+def test_weighted_squares_are_below_the_loss(name, ratio, scale):
     loss, r, s = at(name, ratio, scale)
     squares = float(loss.weight(r, s) * r * r)
     assert 0 <= squares <= float(loss.residual(r, s)) ** 2 * (1 + 1e-12) + 1e-300
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_one_step_meets_a_target_that_a_linear_picture_can_meet_however_far_it_is(name):
+def test_a_robust_step_meets_linear_targets(name):
     """The root of the loss, in place of its weights, would overshoot."""
     columns, truth = np.random.default_rng([0, 4]).normal(size=(2, 3, 8, 8)), np.array([3.0, -2.0])
     problem = linear_problem(columns, np.tensordot(truth, columns, 1))

@@ -53,7 +53,7 @@ def assumption(found, name):
 
 
 @pytest.mark.slow
-def test_the_sensitivity_is_what_two_fits_show():
+def test_the_sensitivity_is_that_of_two_fits():
     target = picture(TRUTH) + white()
     _, _, found = checked(target)
     fits = [np.linalg.lstsq(ROWS, (target - c * COLUMNS[2]).reshape(-1), rcond=None)[0] for c in (0.5, 0.6)]
@@ -62,7 +62,7 @@ def test_the_sensitivity_is_what_two_fits_show():
     assert not np.any(assumption(found, "eye.viewpoint.x").sensitivity)
 
 
-def test_a_wrong_number_is_named_with_how_wrong_it_is_and_what_it_does():
+def test_a_wrong_number_is_named_as_cause():
     wrong = TRUTH + np.array([0, 0, 0.02])
     values, sure, found = checked(picture(wrong) + white())
     (cause,) = found.causes
@@ -75,7 +75,7 @@ def test_a_wrong_number_is_named_with_how_wrong_it_is_and_what_it_does():
 
 
 @pytest.mark.parametrize(("steps", "is_named"), [(0.9, False), (1.1, True)])
-def test_a_change_that_no_pixel_shows_by_more_than_a_step_is_an_error_and_no_cause(steps, is_named):
+def test_a_change_below_a_step_is_no_cause(steps, is_named):
     """Storing rounds equal colours alike: what it leaves may look like a change of the scene by less than a step."""
     change, step = COLUMNS[2].reshape(1, -1), 1 / 255
     amount = steps * step / np.max(np.abs(change))
@@ -121,7 +121,7 @@ def film_changes(problem, light):
 
 
 @pytest.mark.parametrize("changed", [0, 1])
-def test_what_cannot_be_does_not_swamp_the_error_and_what_can_be_is_in_it(changed):
+def test_only_possible_causes_add_error(changed):
     """Up to no end the second would make the errors 2600 times as large (median) where the first has changed."""
     names, error, counted = zip(*(of_two(changed, seed) for seed in range(40)), strict=True)
     assert sum(one[0] == ("apart", "alike")[changed] for one in names) >= 38
@@ -181,7 +181,7 @@ def test_what_a_camera_does_is_named():
         ([], {"fit_exposure": True}, {"film.gain", "film.offset"}, {"film.gain.r", "film.offset.b", "film.blur"}),
     ],
 )
-def test_effects_that_are_fitted_are_no_suspects(free, options, absent, present):
+def test_fitted_effects_are_no_suspects(free, options, absent, present):
     """Of channels that are tied each may still be off on its own."""
     scene, light = assignment_scene(), np.random.default_rng(0).uniform(0.1, 1, (3, 12, 16))
     problem = posed_problem(scene, light, ["vitreous.ior", *free], RenderSettings(size=(16, 12)), **options)
@@ -189,7 +189,7 @@ def test_effects_that_are_fitted_are_no_suspects(free, options, absent, present)
     assert not names & absent and names >= present
 
 
-def test_what_is_stated_of_the_film_is_no_cause_and_is_an_error():
+def test_stated_film_numbers_are_no_causes():
     target = picture(TRUTH) + white()
     target[1] *= 1.01
     _, _, found = checked(target)
@@ -203,7 +203,7 @@ def test_what_is_stated_of_the_film_is_no_cause_and_is_an_error():
     np.testing.assert_allclose(stated.stated, np.outer(moved, moved))
 
 
-def test_structure_that_nothing_explains_is_structure():
+def test_unexplained_structure_is_structure():
     rows, columns = np.mgrid[: COLUMNS.shape[2], : COLUMNS.shape[3]]
     stripes = np.broadcast_to(np.sign(np.sin(rows / 5) * np.sin(columns / 7)), COLUMNS.shape[1:])
     _, _, found = checked(picture(TRUTH) + white() + 2 * SIGMA * stripes)
@@ -228,7 +228,7 @@ def test_what_storing_did_is_no_structure():
     assert not check_model(state_at(problem), np.ones(FREE), {}).is_structured
 
 
-def test_noise_of_edges_tells_nothing_of_what_storing_did_to_flat_areas():
+def test_storage_is_judged_in_flat_areas():
     """Areas of one colour each in 8 bits, beside a fifth of pixels that are noisy; and noise everywhere."""
     random, step = np.random.default_rng(8), 1 / 255
     areas = random.uniform(size=(3, 4, 5)).repeat(16, 1).repeat(16, 2)
@@ -244,7 +244,7 @@ def test_noise_of_edges_tells_nothing_of_what_storing_did_to_flat_areas():
         np.testing.assert_array_equal(shown, residual if is_noisy else np.where(within, 0, residual))
 
 
-def test_what_storing_its_samples_did_to_their_means_is_no_structure():
+def test_rounded_samples_are_no_structure():
     """Means of samples that were cut off to 16 bits are all half a step too dark; ten steps are an offset."""
     for steps, is_structured in ((0.5, False), (10, True)):
         target = picture(TRUTH) - steps / 65535 + 1e-7 * np.random.default_rng(7).normal(size=COLUMNS.shape[1:])
@@ -258,18 +258,18 @@ def test_what_storing_its_samples_did_to_their_means_is_no_structure():
             assert check_model(one, np.ones(FREE), {}).is_structured == expected
 
 
-def test_pairs_of_white_noise_have_scores_of_about_one():
+def test_white_noise_pairs_score_about_one():
     scores = np.array([pair_scores(white(seed)) for seed in range(60)])
     assert np.all(np.abs(scores.mean(axis=0)) < 0.5) and np.all(np.abs(scores.std(axis=0) - 1) < 0.35)
 
 
-def test_neighbours_that_err_together_are_near_pairs_and_not_far_ones():
+def test_correlated_pixels_are_near_pairs():
     blurred = ndimage.gaussian_filter(white(3), (0, 0.8, 0.8))
     assert pair_scores(blurred).near > 4 and abs(pair_scores(blurred).far) < 3
 
 
 @pytest.mark.parametrize("blur", [0.0, 0.5, 1.0])
-def test_the_covariance_of_correlated_noise_is_that_of_many_draws(blur):
+def test_noise_covariance_is_that_of_draws(blur):
     everywhere = np.ones(COLUMNS.shape[2:], bool)
 
     def noise(seed):
@@ -284,7 +284,7 @@ def test_the_covariance_of_correlated_noise_is_that_of_many_draws(blur):
         assert not any(correlated_scatter(COLUMNS, noise(seed), everywhere).any() for seed in range(5))
 
 
-def test_noise_of_all_channels_together_counts_as_one():
+def test_gray_noise_counts_as_one_channel():
     gray = np.repeat(white(1)[:1], 3, axis=0)
     same = np.repeat(COLUMNS[:, :1], 3, axis=1)
     alone = np.einsum("pchw,qchw,chw->pq", same, same, gray**2)
@@ -293,7 +293,7 @@ def test_noise_of_all_channels_together_counts_as_one():
 
 
 @pytest.mark.parametrize(("flips", "samples", "may_be"), [(1.9, 8, True), (2.1, 8, False), (1.9, None, False)])
-def test_single_samples_at_edges_say_nothing_against_the_model(flips, samples, may_be):
+def test_single_edge_samples_prove_nothing(flips, samples, may_be):
     target = picture(TRUTH)
     observed = linear_problem(COLUMNS, target, free=FREE, start=TRUTH).observation
     evidence = np.zeros_like(target)
@@ -312,7 +312,7 @@ def columns_with_a_decisive_pixel(seed, largest):
 
 
 @given(st.integers(0, 1000), st.floats(1, 100))
-def test_the_scatter_is_that_of_estimates_without_one_pixel_each(seed, largest):
+def test_scatter_is_that_of_the_jackknife(seed, largest):
     columns = columns_with_a_decisive_pixel(seed, largest)
     random = np.random.default_rng(seed)
     weight, data = random.uniform(0.2, 1, (2, PIXELS)), random.normal(size=(2, PIXELS))
@@ -334,7 +334,7 @@ def test_the_scatter_is_that_of_estimates_without_one_pixel_each(seed, largest):
     assert np.einsum("ccp->", leverages(columns * np.sqrt(weight))) == pytest.approx(3)
 
 
-def test_a_pixel_that_decides_alone_leaves_no_error_infinite_or_nan():
+def test_a_decisive_pixel_has_finite_errors():
     columns = np.zeros((2, 2, PIXELS))
     columns[0], columns[1, 0, 3] = 1.0, 1.0
     weight, score = np.ones((2, PIXELS)), np.full((2, PIXELS), 0.1)

@@ -51,7 +51,7 @@ def solved(problem, is_broken, how):
 
 
 @pytest.mark.parametrize("how", BROKEN)
-def test_a_step_to_a_broken_place_is_refused_and_a_shorter_one_taken(how):
+def test_a_step_to_a_broken_place_is_cut(how):
     problem = problem_from([-2.0, 2.0])
     # Broken in a region that the straight way to the answer passes, but for its last tenth.
     state, steps = solved(problem, lambda y: 0.2 < y[0] < 0.55, how)
@@ -80,7 +80,7 @@ def break_where(monkeypatch, is_broken):
     monkeypatch.setattr(Problem, "linearize", linearize)
 
 
-def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
+def test_gauss_newton_stops_at_broken_places(monkeypatch):
     problem = problem_from([0.0, 0.0])
     solution = state_at(problem)
     break_where(monkeypatch, lambda y: y[0] > 0.01)
@@ -100,7 +100,7 @@ def minima_of(problem, monkeypatch, starts):
     return find_minima(problem, choose_levels(problem, FitOptions(blur=(0.0,))), "point", True, recorder)
 
 
-def test_a_start_whose_picture_is_broken_is_left_out_with_a_warning(monkeypatch):
+def test_a_broken_start_is_left_out(monkeypatch):
     problem = problem_from([0.0, 0.0])
     break_where(monkeypatch, lambda y: y[0] > 1)
     with pytest.warns(PictureWarning, match=r"start 1 \(a\.center\.x 3, b\.center\.x 0\) is left out"):
@@ -110,14 +110,14 @@ def test_a_start_whose_picture_is_broken_is_left_out_with_a_warning(monkeypatch)
     assert linear_names(2) == ("a.center.x", "b.center.x")
 
 
-def test_where_every_start_is_broken_the_fit_says_so(monkeypatch):
+def test_a_fit_says_if_every_start_is_broken(monkeypatch):
     problem = problem_from([0.0, 0.0])
     break_where(monkeypatch, lambda y: True)
     with pytest.warns(PictureWarning, match="left out"), pytest.raises(PictureError, match="nowhere to begin"):
         minima_of(problem, monkeypatch, [[3.0, 0.0], [0.0, 0.0]])
 
 
-def test_a_bad_pixel_counts_as_little_as_a_masked_one():
+def test_a_bad_pixel_counts_as_masked():
     bad = np.zeros(COLUMNS.shape[-2:], bool)
     bad[3, 5] = True
     target, start = np.tensordot(TRUTH, COLUMNS, 1), np.array([0.1, 0.2])
@@ -133,7 +133,7 @@ def test_a_bad_pixel_counts_as_little_as_a_masked_one():
         assert np.all(state.residual[:, 3, 5] == 0)
 
 
-def test_a_picture_with_many_bad_pixels_is_broken():
+def test_many_bad_pixels_break_a_picture():
     columns = np.where(np.arange(16) > 13, np.nan, COLUMNS)
     problem = linear_problem(columns, np.tensordot(TRUTH, COLUMNS, 1), start=np.array([0.1, 0.2]))
     found = problem.linearize(problem.start(), POINT)
@@ -151,7 +151,7 @@ def test_bad_pixels_in_words():
 
 
 @pytest.mark.parametrize("how", BROKEN)
-def test_a_broken_start_is_no_rest_and_no_step_is_accepted(how):
+def test_a_broken_start_accepts_no_step(how):
     state, steps = solved(problem_from([1.0, 1.0]), lambda y: True, how)
     assert not state.settled and not state.linearization.is_finite
     assert len(steps) == 1 and not steps[0][1]

@@ -29,25 +29,25 @@ def seen(target=TARGET, weights=None, scene=None, settings=SETTINGS):
     return observe(target, weights, scene or assignment_scene(), settings)
 
 
-def test_the_residual_is_what_picture_and_bias_have_more_than_the_target():
+def test_the_residual_is_image_minus_target():
     image, bias = np.random.default_rng(2).uniform(size=(2, *TARGET.shape))
     observation = dataclasses.replace(seen(weights=HOLE), bias=jnp.asarray(bias))
     np.testing.assert_allclose(observation.residual(jnp.asarray(image)), (image + bias - TARGET) * HOLE, atol=1e-15)
 
 
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
-def test_target_and_weights_take_the_scenes_precision(dtype):
+def test_the_target_has_the_scenes_dtype(dtype):
     observation = seen(TARGET.astype(np.float16), HOLE.astype(int), assignment_scene(dtype))
     assert observation.target.dtype == observation.root_weight.dtype == dtype
 
 
-def test_weights_are_those_of_squares_and_of_channels_the_mean():
+def test_weights_are_averaged_over_channels():
     weights = np.random.default_rng(1).uniform(0, 4, (3, HEIGHT, WIDTH))
     np.testing.assert_allclose(seen(weights=weights).root_weight ** 2, weights.mean(0))
     np.testing.assert_allclose(seen(weights=weights[0]).root_weight ** 2, weights[0])
 
 
-def test_what_a_mask_hides_is_zero_whatever_it_was():
+def test_masked_pixels_are_zero():
     target = np.where(HOLE > 0, TARGET, np.nan)
     target[:, 1, 2] = np.inf
     observation = seen(target, HOLE)
@@ -55,7 +55,7 @@ def test_what_a_mask_hides_is_zero_whatever_it_was():
     assert observation.count == 3 * (HEIGHT * WIDTH - 4)
 
 
-def test_the_size_is_that_of_the_window_that_is_rendered():
+def test_the_size_is_that_of_the_window():
     cropped = resolved(size=(20, 20), crop=(3, 2, *SIZE))
     assert seen(settings=cropped).target.shape == TARGET.shape
     assert seen(settings=resolved(size=(2 * WIDTH + 1, 2 * HEIGHT), binning=2)).target.shape == TARGET.shape
@@ -116,11 +116,11 @@ def test_pixels_masked_by_numpy_do_not_count(mask_out):
     np.testing.assert_array_equal(seen(TARGET, three).root_weight, wanted)
 
 
-def test_a_target_that_is_constant_but_for_one_pixel_is_taken():
+def test_a_nearly_constant_target_is_taken():
     seen(with_value(0.26, (2, 4, 6), of=GREY))
 
 
-def test_large_pixels_are_means_and_one_with_a_masked_pixel_is_left_out():
+def test_a_large_pixel_is_a_mean_or_masked():
     weights = with_value(3.0, (0, 0), of=HOLE)
     large = seen(weights=weights).binned(2)
     assert large.target.shape == (3, 2, 3)  # What does not fill a pixel is left out.
@@ -133,14 +133,14 @@ def test_large_pixels_are_means_and_one_with_a_masked_pixel_is_left_out():
     np.testing.assert_allclose(large.bias, bias[:, :4, :6].reshape(3, 2, 2, 3, 2).mean((2, 4)))
 
 
-def test_a_vector_is_free_in_all_its_numbers_in_the_users_spelling_and_order():
+def test_a_vector_is_free_in_all_its_numbers():
     unknowns = make_unknowns(assignment_scene(), ["vitreous.center", "cyan.ior"])
     assert unknowns.names == ("vitreous.center.x", "vitreous.center.y", "vitreous.center.z", "cyan.ior")
     assert unknowns.transforms == (Transform(), Transform(), Transform(), Transform(1.0))
     np.testing.assert_allclose(unknowns.initial(assignment_scene()), [4.3, 2.3, -1, 1.337])
 
 
-def test_the_scene_has_the_values_and_the_ties_follow():
+def test_the_scene_has_values_and_ties():
     unknowns = make_unknowns(
         assignment_scene(),
         ["vitreous.center", "vitreous.radius"],
@@ -175,12 +175,12 @@ def test_the_scene_has_the_values_and_the_ties_follow():
         ),
     ],
 )
-def test_names_and_ties_that_make_no_sense_are_refused(free, ties, words):
+def test_senseless_names_are_refused(free, ties, words):
     with pytest.raises(ParameterError, match=words):
         make_unknowns(assignment_scene(), free, ties)
 
 
-def test_exposure_and_offset_are_a_gain_and_an_offset_of_all_channels_and_begin_at_no_change():
+def test_exposure_begins_at_no_change():
     scene, free, ties = asked_for(assignment_scene(), ["vitreous.ior"], FitOptions(fit_exposure=True))
     unknowns = make_unknowns(scene, free, ties)
     assert unknowns.names == ("vitreous.ior", "film.gain.r", "film.offset.r")
@@ -223,7 +223,7 @@ def test_natural_scales(name, expected):
 NAMES = Unknowns(("ball.ior", "ball.radius"), (Transform(1.0), Transform(0.0)))
 
 
-def test_a_prior_has_its_place_and_the_others_have_none():
+def test_a_prior_stands_at_its_parameter():
     prior = make_prior({"ball.radius": (2.0, 0.25)}, NAMES, jnp.dtype(jnp.float32))
     np.testing.assert_array_equal(prior.precision, [0, 4])
     assert prior.mean[1] == 2 and prior.mean.dtype == jnp.float32
@@ -238,12 +238,12 @@ def test_a_prior_has_its_place_and_the_others_have_none():
         ({"ball.ior": (np.nan, 1.0)}, "nan+-1"),
     ],
 )
-def test_priors_that_make_no_sense_are_refused(priors, words):
+def test_senseless_priors_are_refused(priors, words):
     with pytest.raises(ParameterError, match=re.escape(words)):
         make_prior(priors, NAMES, jnp.dtype(jnp.float64))
 
 
-def test_a_number_is_known_by_any_of_its_names():
+def test_a_number_is_known_by_all_its_names():
     scene, names = assignment_scene(), ("cyan.ior", "vitreous.center.x")
     assert spelled(scene, names, "vitreous.ior", "prior") == "cyan.ior"
     assert spelled(scene, names, "vitreous.center.x", "prior") == "vitreous.center.x"
@@ -270,7 +270,7 @@ def test_a_number_a_share_of_it_and_a_vector():
     assert stated(vitreous__alpha=0.01) == {"cyan.alpha": 0.01}, "by its canonical name"
 
 
-def test_blocks_and_kinds_of_blocks_without_what_is_free():
+def test_blocks_name_their_fixed_numbers():
     of_plane = {f"cam1.{what}.{x}" for what in ("worlddim", "center") for x in "xy"}
     assert set(stated(cam1=0.1)) == of_plane | {f"cam1.viewpoint.{x}" for x in "xyz"}
     assert {name.partition(".")[0] for name in stated(lights="1%")} == {"centerback", "backleft", "topright"}
@@ -302,7 +302,7 @@ def test_what_cannot_be_stated_is_refused(uncertain, message):
         stated_uncertainties(SCENE, FREE, uncertain)
 
 
-def test_the_root_of_a_covariance_gives_the_covariance():
+def test_a_covariance_root_gives_it_back():
     names, spread = ("a.x", "a.y", "b"), np.array([0.1, 2.0, 3e-4])
     correlations = {("a.x", "a.y"): 0.9, ("b", "a.x"): -0.5}
     matrix = np.array([[1, 0.9, -0.5], [0.9, 1, 0], [-0.5, 0, 1]])
@@ -324,6 +324,6 @@ def test_the_root_of_a_covariance_gives_the_covariance():
         pytest.param({("a", "b"): np.nan}, "correlations: ", id="nan"),
     ],
 )
-def test_correlations_that_cannot_be_are_refused(correlations, words):
+def test_impossible_correlations_are_refused(correlations, words):
     with pytest.raises(ParameterError, match=words):
         root_covariance(("a", "b"), np.ones(2), correlations)

@@ -61,7 +61,7 @@ def stored(path, transfer="srgb"):
         ("a.exr", "drop", False, (0, 0)),
     ],
 )
-def test_pixels_at_the_ends_of_what_a_file_stores_tell_no_light(name, how, clamps, wanted, transfer, tmp_path):
+def test_clipped_pixels_tell_no_light(name, how, clamps, wanted, transfer, tmp_path):
     path = stored(tmp_path / name, transfer)
     picture = read_picture(path, transfer=transfer)
     found = clipped_pixels(path, picture, how, clamps)
@@ -102,7 +102,7 @@ def layer():
     ],
     ids=["gray", "bits", "rgb", "palette", "layer", "jpeg"],
 )
-def test_a_painted_mask_counts_where_it_is_bright_and_opaque(content, tmp_path):
+def test_a_painted_mask_is_bright_and_opaque(content, tmp_path):
     path = tmp_path / "mask"
     path.write_bytes(content)
     found = read_mask(path)
@@ -138,7 +138,7 @@ def resolved(scene):
     return resolve_settings(scene, SETTINGS)
 
 
-def test_of_a_whole_picture_the_crop_is_compared():
+def test_a_whole_target_is_cropped():
     scene = assignment_scene()
     np.testing.assert_array_equal(seen_part(LIGHT, scene, resolved(scene), "the target"), LIGHT[:, 3:9, 2:10])
     part = LIGHT[:, :6, :8]
@@ -149,7 +149,7 @@ def test_of_a_whole_picture_the_crop_is_compared():
         seen_part(PAINTED[:, :-1], scene, resolved(scene), "the mask")
 
 
-def test_target_and_mask_are_cut_and_multiplied(tmp_path, capsys):
+def test_target_and_mask_are_cropped(tmp_path, capsys):
     scene, path = assignment_scene(), stored(tmp_path / "a.tif")
     Image.fromarray(np.full((12, 16), 51, np.uint8)).save(tmp_path / "mask.png")
     files = {"scene": tmp_path / "scene.txt", "target": path, "mask": tmp_path / "mask.png", "output": tmp_path}
@@ -170,7 +170,7 @@ def camera_scene(**values):
     )
 
 
-def test_a_fit_begins_at_the_angle_of_view_of_the_photograph(tmp_path, capsys):
+def test_a_fit_begins_at_the_exif_fov(tmp_path, capsys):
     path = photo(tmp_path / "a.jpg", FocalLengthIn35mmFilm=28)
     scene = camera_scene()
     assert float(scene["eye.fov"]) == pytest.approx(USUAL_FOV)
@@ -202,7 +202,7 @@ def photograph(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.optimized
-def test_index_and_camera_are_read_off_a_photograph(photograph, tmp_path):
+def test_a_photograph_gives_index_and_camera(photograph, tmp_path):
     guess, free = (
         f"{PHOTOGRAPHED}_guess.txt",
         ["ball0.ior", "ball0.center", "film.gain", "film.blur", "film.vignetting"],

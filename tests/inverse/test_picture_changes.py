@@ -66,7 +66,7 @@ def test_differences_are_the_derivatives(edges, error):
 
 
 @pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
-def test_a_fixed_number_changes_the_picture_as_it_would_if_it_were_free(edges):
+def test_fixed_numbers_change_as_free_ones(edges):
     names = ["vitreous.radius", "topright.location.y", "cyan.diffuse.g", "cyan.alpha", "cam1.viewpoint.z"]
     problem = problem_of(["vitreous.ior"])
     numbers = fixed_numbers(problem)
@@ -78,7 +78,7 @@ def test_a_fixed_number_changes_the_picture_as_it_would_if_it_were_free(edges):
         assert relative(found[name], column) < (0.06 if edges == "aware" and "diffuse" in name else 1e-3), name
 
 
-def test_numbers_are_all_that_are_not_free_and_not_absent():
+def test_no_free_or_absent_number_is_fixed():
     problem = problem_of(["vitreous.ior", "central.center"], ties={"upperright.center": "central.center"})
     names = fixed_numbers(problem)
     assert "vitreous.radius" in names and "cam1.viewpoint.x" in names and "topright.emissivity.b" in names
@@ -131,7 +131,7 @@ def test_changes_are_those_after_the_film(free):
 
 
 @pytest.mark.slow
-def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
+def test_the_best_gain_and_offset_are_exact():
     light = np.random.default_rng(3).uniform(0.1, 0.8, (2, 3, 30, 40))
     gain, offset = np.array([0.9, 0.7, 1.2]), np.array([0.02, 0.0, -0.01])
     target = light[0] * gain[:, None, None] + offset[:, None, None]
@@ -150,7 +150,7 @@ def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
     assert powers.camera.linear_indices == ()
 
 
-def test_of_a_small_picture_all_pixels_that_count_are_looked_at():
+def test_a_small_picture_is_sampled_whole():
     counts = np.arange(7 * 9).reshape(7, 9) % 3 > 0
     sample = sample_of(counts)
     seen = np.zeros((7, 9), int)
@@ -162,7 +162,7 @@ def test_of_a_small_picture_all_pixels_that_count_are_looked_at():
 
 
 @given(st.integers(0, 10**6), st.integers(200, 3000))
-def test_about_as_many_are_chosen_as_are_wanted_and_sums_are_about_right(seed, most):
+def test_a_sample_has_about_the_right_sums(seed, most):
     random = np.random.default_rng(seed)
     weight = random.uniform(0.2, 1, size=(80, 100))
     weight[30:34] *= 30
@@ -172,7 +172,7 @@ def test_about_as_many_are_chosen_as_are_wanted_and_sums_are_about_right(seed, m
     assert abs(np.sum(sample.of(weight) / sample.probability) / weight.sum() - 1) < 0.35
 
 
-def test_what_decides_is_looked_at_for_certain():
+def test_decisive_pixels_are_always_sampled():
     weight = np.full((40, 40), 1e-6)
     weight[8:12, 8:12] = 1
     sample = sample_of(np.ones((40, 40), bool), weight, 300)

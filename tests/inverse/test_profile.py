@@ -30,7 +30,7 @@ def drawn(place, columns=COLUMNS, priors=None):
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
-def test_a_linear_pictures_profile_is_the_textbooks_parabola(place):
+def test_a_linear_profile_is_a_parabola(place):
     found, best, sure = drawn(place)
     covariance = SIGMA**2 * np.linalg.inv(ROWS.T @ ROWS)
     away = found.value - best[place]
@@ -52,7 +52,7 @@ def test_a_prior_counts_in_the_profile():
     np.testing.assert_allclose(found.chi_square, (found.value - best[0]) ** 2 / variance, rtol=1e-4, atol=1e-5)
 
 
-def test_what_the_picture_does_not_determine_has_a_flat_profile_without_an_end():
+def test_an_undetermined_profile_is_flat():
     columns = COLUMNS.copy()
     columns[1] = 0
     found, _, _ = drawn(1, columns)
@@ -60,7 +60,7 @@ def test_what_the_picture_does_not_determine_has_a_flat_profile_without_an_end()
     assert found.interval == (-np.inf, np.inf)
 
 
-def test_an_interval_ends_where_the_bound_is_crossed_on_either_side():
+def test_an_interval_ends_at_the_bound():
     value = np.linspace(-3, 3, 13)
     low, high = interval(value, np.where(value < 0, 4 * value**2, value**2))
     assert low == pytest.approx(-np.sqrt(PROFILE_95) / 2) and high == pytest.approx(np.sqrt(PROFILE_95))

@@ -48,7 +48,7 @@ def problem(scene, target):
 
 
 @pytest.mark.slow
-def test_it_is_the_picture_minus_the_target_where_it_starts(problem, scene, target):
+def test_it_starts_as_picture_minus_target(problem, scene, target):
     found, overflow = problem.residual(problem.start)
     tied = set_parameters(scene, {"red.diffuse": [float(x) for x in get_parameter(scene, "yellow.diffuse")]})
     np.testing.assert_allclose(found, render(tied, SETTINGS).image - target, atol=1e-12)
@@ -89,14 +89,14 @@ def colored(request):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("transformation", ["linearize", "jacfwd", "jacrev", "vjp", "checkpoint", "vmap"])
-def test_every_transformation_finds_the_jacobian_of_differences(colored, transformation):
+def test_every_transform_has_the_jacobian(colored, transformation):
     residual, y, differences = colored
     found = jax.jit(functools.partial(jacobian_of, transformation, residual))(y)
     np.testing.assert_allclose(found, differences, atol=1e-8)
 
 
 @pytest.mark.slow
-def test_second_derivatives_are_those_of_differences_or_refused(colored, request):
+def test_second_derivatives_match_or_refuse(colored, request):
     residual, y, _ = colored
 
     def cost(y):
@@ -113,7 +113,7 @@ def test_second_derivatives_are_those_of_differences_or_refused(colored, request
 
 
 @pytest.mark.slow
-def test_a_derivative_by_the_scene_of_a_residual_is_that_of_a_renderer():
+def test_scene_derivatives_are_a_renderers():
     """Its own scene is a part of the pytree, and moves with what a user adds to it."""
     _, picture, renderer = user_loops.setup()
 
@@ -131,7 +131,7 @@ def test_a_derivative_by_the_scene_of_a_residual_is_that_of_a_renderer():
 
 
 @pytest.mark.slow
-def test_rays_without_room_are_said_and_given_room(problem):
+def test_rays_without_room_are_given_room(problem):
     # Two rays a pixel.
     narrow = dataclasses.replace(problem, room=Capacity(rays=128, pixels=64))
     assert int(narrow.residual(narrow.start)[1]) > 0
@@ -175,7 +175,7 @@ def assert_same(name, found, wanted):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["steps_by_hand", "optax_adam", "optimistix_levenberg_marquardt", "scan_over_steps"])
-def test_a_loop_that_minimises_finds_the_parameter(name):
+def test_a_minimising_loop_finds_the_truth(name):
     _, residual, _ = user_loops.setup()
     found = residual.parameters(jnp.array(here(name)))["board.diffuse.r"]
     assert float(found) == pytest.approx(user_loops.TRUTH["board.diffuse.r"], abs=1e-3)
@@ -183,7 +183,7 @@ def test_a_loop_that_minimises_finds_the_parameter(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("devices", [1, 2])
-def test_loops_end_at_the_same_numbers_with_one_device_and_with_two(devices):
+def test_loops_agree_on_one_and_two_devices(devices):
     found = in_a_process(devices, user_loops.LOOPS)
     assert found.keys() == user_loops.LOOPS.keys()
     for name, numbers in found.items():

@@ -64,14 +64,14 @@ def test_a_regular_grid_is_told(problem, samples, noise, off):
 
 
 @pytest.mark.slow
-def test_means_over_the_whole_pixel_or_of_random_samples_are_not_taken_for_a_grids(problem):
+def test_box_and_random_means_are_no_grid(problem):
     assert told(problem, point_sampled(problem, problem.start(), 48).mean) is None
     assert told(problem, jittered(problem, 25)) is None
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("samples", [3, 8])
-def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, samples):
+def test_steps_on_the_target_grid_end(problem, samples):
     target = point_sampled(problem, problem.start(), samples).mean
     one, y = posed(target), problem.start() + 3e-4
     begun = state_at(one, y, AWARE)
@@ -84,7 +84,7 @@ def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, 
 
 
 @pytest.mark.parametrize("size", LATTICES)
-def test_a_lattice_knows_the_area_of_any_edge(size):
+def test_a_lattice_knows_the_area_of_an_edge(size):
     """Of a half plane through the pixel, in any direction and nearly along its rows."""
     random, places = np.random.default_rng(0), lattice_offsets(size)
     assert places.shape == (size, 2) and np.all(np.abs(places) < 0.5)
@@ -96,7 +96,7 @@ def test_a_lattice_knows_the_area_of_any_edge(size):
         assert np.sqrt(np.mean(off**2)) < most / size**0.75
 
 
-def test_the_scatter_of_blocks_is_that_of_estimates():
+def test_block_scatter_is_that_of_estimates():
     """White noise as ever, and structure over blocks of 16 pixels, which is four times as bad as it seems."""
     random = np.random.default_rng(5)
     columns = np.repeat(np.repeat(random.normal(size=(2, 3, 16, 16)), 8, axis=2), 8, axis=3)

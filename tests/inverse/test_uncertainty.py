@@ -46,7 +46,7 @@ def reported(draw, **options):
     return np.mean([judged(draw(seed), **options).standard_error for seed in range(20)], axis=0)
 
 
-def test_white_noise_has_the_textbooks_errors_and_correlations():
+def test_white_noise_has_textbook_errors():
     sure = judged(white())
     np.testing.assert_allclose(sure.standard_error, TEXTBOOK, rtol=0.05)
     inverse = np.linalg.inv(ROWS.T @ ROWS)
@@ -59,7 +59,7 @@ def test_white_noise_has_the_textbooks_errors_and_correlations():
     assert sure.condition_number == pytest.approx(np.linalg.cond(ROWS / lengths), rel=1e-9)
 
 
-def test_the_bound_is_the_inverse_of_fishers_information():
+def test_the_bound_is_inverse_fisher():
     np.testing.assert_allclose(judged(white(), sigma=SIGMA).cramer_rao, TEXTBOOK, rtol=1e-9)
     # It is for the sigma that is given, whatever the residuals show.
     np.testing.assert_allclose(judged(white(), sigma=3 * SIGMA).cramer_rao, 3 * TEXTBOOK, rtol=1e-9)
@@ -67,12 +67,12 @@ def test_the_bound_is_the_inverse_of_fishers_information():
 
 @pytest.mark.parametrize("shown", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("stage", [POINT, Stage("point", loss="cauchy", loss_scale=3 * SIGMA)])
-def test_no_error_is_below_the_bound_of_the_noise_that_was_stated(shown, stage):
+def test_no_error_is_below_the_stated_bound(shown, stage):
     errors = [judged(shown * white(seed), stage, sigma=SIGMA).standard_error for seed in range(4)]
     np.testing.assert_allclose(np.mean(errors, axis=0), TEXTBOOK, rtol=0.08)
 
 
-def test_the_reduced_chi_square_compares_the_residual_with_the_sigma_that_is_given():
+def test_reduced_chi_square_uses_given_sigma():
     assert judged(white(), sigma=SIGMA).reduced_chi_square == pytest.approx(1, abs=0.05)
     assert judged(white(), sigma=2 * SIGMA).reduced_chi_square == pytest.approx(0.25, abs=0.01)
     assert np.isnan(judged(white()).reduced_chi_square)
@@ -87,7 +87,7 @@ def blocky(seed, size=4):
 
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("size", [4, 8])
-def test_where_neighbours_err_together_the_errors_are_larger_and_true(size):
+def test_correlated_noise_has_larger_errors(size):
     found, true = reported(lambda seed: blocky(seed, size)), spread(lambda seed: blocky(seed, size))
     naive = TEXTBOOK * np.sqrt(1 + 0.3**2)
     assert np.all(true > 2 * naive)
@@ -103,7 +103,7 @@ def uneven(seed):
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
-def test_equal_colours_that_are_stored_alike_make_the_error_that_is_told(noise):
+def test_storage_scatter_is_as_predicted(noise):
     random = np.random.default_rng(3)
     square = np.kron(np.indices((4, 6)).sum(axis=0) % 2, np.ones((6, 6)))
     columns = random.normal(1.0, 0.5, (2, 3, 24, 36))
@@ -121,14 +121,14 @@ def test_equal_colours_that_are_stored_alike_make_the_error_that_is_told(noise):
     assert np.all(scatter > 5 * white) if noise == 0 else np.all(scatter < 5 * white)
 
 
-def test_noise_that_differs_between_pixels_is_seen():
+def test_unequal_noise_is_seen():
     true, found = spread(uneven), reported(uneven)
     np.testing.assert_allclose(found, true, rtol=0.08)
     naive = TEXTBOOK * np.sqrt(np.mean(UNEVEN**2))
     assert true[0] > 1.25 * naive[0]
 
 
-def test_weights_that_are_right_give_the_bound():
+def test_right_weights_give_the_bound():
     weights = np.array([1.0, 0.25, 4.0])[np.arange(SIZE[1]) % 3] * np.ones(SIZE)
     noise = white() / np.sqrt(weights)
     weighted = ROWS * np.tile(np.sqrt(weights).reshape(-1), 3)[:, None]
@@ -140,7 +140,7 @@ def test_weights_that_are_right_give_the_bound():
     assert sure.reduced_chi_square == pytest.approx(1, abs=0.05)
 
 
-def test_the_noise_is_measured_where_the_picture_depends_on_a_parameter():
+def test_noise_is_measured_where_it_matters():
     """A backdrop that fits exactly says nothing of the noise elsewhere."""
     columns, noise = COLUMNS.copy(), white()
     columns[:, :, 30:] = noise[:, 30:] = 0
@@ -148,7 +148,7 @@ def test_the_noise_is_measured_where_the_picture_depends_on_a_parameter():
         assert judged(noise, stage, columns=columns).sigma == pytest.approx(SIGMA, rel=0.12)
 
 
-def test_outliers_hardly_touch_the_noise_level_under_a_robust_loss():
+def test_outliers_hardly_raise_robust_noise():
     noise = white()
     noise[:, ::7, ::7] = 0.8
     problem = linear_problem(COLUMNS, picture(TRUTH) + noise)
@@ -165,7 +165,7 @@ def outliers(seed):
 
 
 @pytest.mark.slow
-def test_a_robust_estimate_scatters_as_reported_among_outliers():
+def test_robust_errors_hold_with_outliers():
     """The estimates are by iteratively reweighted least squares, a method that shares nothing with the solver."""
     scale = LOSSES["cauchy"].tuning * SIGMA
 
@@ -187,7 +187,7 @@ def test_a_robust_estimate_scatters_as_reported_among_outliers():
 
 
 @pytest.mark.parametrize("factor", [1000.0, 1e-6])
-def test_another_unit_of_a_parameter_changes_its_error_alone(factor):
+def test_a_unit_changes_only_its_own_error(factor):
     units = np.array([1.0, factor, 1.0])
     plain = judged(white(), sigma=SIGMA)
     columns = COLUMNS / units[:, None, None, None]
@@ -199,7 +199,7 @@ def test_another_unit_of_a_parameter_changes_its_error_alone(factor):
     assert other.undetermined == plain.undetermined
 
 
-def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
+def test_errors_do_not_depend_on_transforms():
     values = np.array([0.7, 0.35, 1.2])
     columns, found = COLUMNS, []
     for transforms in (None, [Transform(), Transform(0.0, 1.0), Transform(1.0)]):
@@ -215,12 +215,12 @@ def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
 
 
 @pytest.mark.parametrize("loss", ["l2", "cauchy"])
-def test_a_picture_that_is_met_exactly_has_errors_of_nothing(loss):
+def test_an_exact_picture_has_zero_errors(loss):
     sure = judged(np.zeros((3, *SIZE)), Stage("point", loss=loss, loss_scale=1e-12), values=TRUTH)
     assert np.all(sure.standard_error < 1e-12) and sure.undetermined == ()
 
 
-def test_where_squares_are_beyond_the_dtype_nothing_is_said_to_be_known(monkeypatch):
+def test_overflow_leaves_errors_unknown(monkeypatch):
     problem = linear_problem(COLUMNS, np.tensordot(TRUTH, COLUMNS, 1))
     state = state_at(problem)
     for name in ("information", "curvature", "jacobian", "residual"):
@@ -236,7 +236,7 @@ def test_where_squares_are_beyond_the_dtype_nothing_is_said_to_be_known(monkeypa
     assert np.all(np.isnan(quantify_uncertainty(state, 0.1).cramer_rao))
 
 
-def test_a_parameter_that_changes_nothing_is_open_and_the_others_are_not():
+def test_only_an_idle_parameter_is_open():
     columns = COLUMNS.copy()
     columns[1] = 0
     sure, without = judged(white(), columns=columns), judged(white(), columns=columns[[0, 2]])
@@ -249,7 +249,7 @@ def test_a_parameter_that_changes_nothing_is_open_and_the_others_are_not():
 
 
 @pytest.mark.parametrize("factor", [2.0, -0.25])
-def test_two_parameters_that_change_the_same_are_open_and_named_with_the_combination(factor):
+def test_confounded_parameters_are_named(factor):
     columns = COLUMNS.copy()
     columns[2] = factor * columns[0]
     sure, without = judged(white(), columns=columns), judged(white(), columns=columns[:2])
@@ -263,7 +263,7 @@ def test_two_parameters_that_change_the_same_are_open_and_named_with_the_combina
     assert sure.cramer_rao[1] == pytest.approx(without.cramer_rao[1], rel=0.01)
 
 
-def test_an_error_of_more_than_half_the_natural_scale_leaves_a_parameter_open():
+def test_a_too_large_error_leaves_it_open():
     scale = np.array([1.0, 1.9 * TEXTBOOK[1], 1.0])
     sure = judged(white(), scale=scale)
     assert sure.undetermined == (B,)
@@ -271,7 +271,7 @@ def test_an_error_of_more_than_half_the_natural_scale_leaves_a_parameter_open():
     assert judged(white(), scale=scale * 1.2).undetermined == ()
 
 
-def test_a_prior_settles_what_the_picture_leaves_open():
+def test_a_prior_settles_what_is_open():
     """Only a + 2c is seen: what is known of `a` is what is known before, and `c` follows from it."""
     columns = COLUMNS.copy()
     columns[2] = 2 * columns[0]
@@ -291,14 +291,14 @@ def test_a_prior_settles_what_the_picture_leaves_open():
 
 
 @pytest.mark.parametrize("loss", ["l2", "cauchy"])
-def test_where_no_parameter_changes_the_picture_all_are_open(loss):
+def test_all_are_open_if_nothing_changes(loss):
     stage = Stage("point", loss=loss, loss_scale=SIGMA)
     sure = judged(white(), stage, values=TRUTH, columns=np.zeros_like(COLUMNS))
     assert np.all(np.isinf(sure.standard_error)) and np.all(np.isinf(sure.cramer_rao))
     assert sure.undetermined == (A, B, C)
 
 
-def test_the_weakest_combination_is_in_the_parameters_own_units_and_leaves_out_what_hardly_takes_part():
+def test_the_weakest_combination_has_units():
     # Nothing changes along (1, 0, -2, 0.01) in natural scales.
     weakest = np.array([1.0, 0.0, -2.0, 0.01])
     triangle = np.eye(4) - np.outer(weakest, weakest) / (weakest @ weakest)

@@ -59,7 +59,7 @@ def noise(seed, shape=TARGET.shape):
 
 
 @given(st.floats(-12, 2), st.integers(0, 10**6))
-def test_white_noise_of_any_level_is_explained(level, seed):
+def test_white_noise_is_explained(level, seed):
     assert explained(10**level * noise(seed))
 
 
@@ -72,7 +72,7 @@ def test_white_noise_of_any_level_is_explained(level, seed):
         *(TARGET[:, ::-1], TARGET[:, :, ::-1], picture(radius=21), np.full_like(TARGET, 0.4)),
     ],
 )
-def test_a_shifted_or_another_picture_is_not_explained(wrong):
+def test_another_picture_is_not_explained(wrong):
     assert not explained(wrong - TARGET)
 
 
@@ -83,13 +83,13 @@ def test_negligible_structure_is_explained(share, expected):
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.1, True), (0.6, False)])
-def test_elsewhere_structure_counts_only_when_it_is_large(share, expected):
+def test_structure_elsewhere_must_be_large(share, expected):
     contrast = float(np.mean(TARGET.std((1, 2))))
     residual = np.where(DISK, 1e-6 * noise(2), share * contrast * WAVE)
     assert explained(residual) is expected
 
 
-def test_structure_below_the_noise_is_explained():
+def test_structure_below_noise_is_explained():
     assert explained(noise(3) + 0.1 * WAVE)
     assert not explained(noise(3) + WAVE)
 
@@ -105,7 +105,7 @@ def test_masked_pixels_do_not_count():
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (4, 4), (5, 9)])
 @pytest.mark.parametrize("seed", [None, 0, 1])
-def test_tiny_pictures_and_regions_are_no_reason_to_fail(size, seed):
+def test_tiny_pictures_do_not_fail(size, seed):
     every = np.ones(size, bool)
     some = np.zeros(size, bool) if seed is None else np.random.default_rng(seed).uniform(size=size) < 0.3
     assert isinstance(is_explained(noise(5, (3, *size)), noise(6, (3, *size)), every, some), bool)
@@ -121,7 +121,7 @@ def rivals(seed, smooth=0.0):
 
 
 @pytest.mark.parametrize("smooth", [0, 0.7])
-def test_the_evidence_between_equal_models_is_a_standard_normal_number(smooth):
+def test_equal_models_give_normal_evidence(smooth):
     z = np.array([vuong_evidence(*rivals(k, smooth)) for k in range(400)])
     assert abs(z.mean()) < 0.3
     assert np.mean(abs(z) < 3) >= 0.99
@@ -129,7 +129,7 @@ def test_the_evidence_between_equal_models_is_a_standard_normal_number(smooth):
 
 
 @pytest.mark.parametrize("level", [1e-6, 1e-2])
-def test_the_evidence_for_a_clearly_better_model_grows_with_the_difference_and_not_with_its_own_scatter(level):
+def test_evidence_grows_with_the_difference(level):
     """Also where the two differ in a few squares only."""
     ball = np.clip(5 - np.hypot(ROWS - 31, COLUMNS - 44) + 0.5, 0, 1)
     other = np.clip(5 - np.hypot(ROWS - 31, COLUMNS - 41) + 0.5, 0, 1)
@@ -139,7 +139,7 @@ def test_the_evidence_for_a_clearly_better_model_grows_with_the_difference_and_n
     assert found == pytest.approx(expected, rel=0.5) and found > 30
 
 
-def test_the_evidence_is_none_between_the_same_and_endless_for_an_exact_fit():
+def test_evidence_is_zero_for_the_same_model():
     assert vuong_evidence(noise(1), noise(1)) == 0
     assert vuong_evidence(np.zeros_like(noise(1)), noise(1)) == np.inf
 
@@ -260,14 +260,14 @@ BAD = {
 
 
 @pytest.mark.parametrize("first", range(len(BAD)))
-def test_of_several_reasons_the_first_is_said(first):
+def test_the_first_reason_is_said(first):
     reasons = list(BAD)[first:]
     assert reasons[0] in " ".join(status_of({k: v for one in reasons for k, v in BAD[one].items()})[:2])
 
 
 @pytest.mark.parametrize("share", [0.02, 0.5, 3.0])
 @pytest.mark.parametrize("understated", [1.0, 2.0])
-def test_by_chance_an_estimate_is_as_far_from_what_was_stated_as_a_normal_number_says(share, understated):
+def test_a_deviation_from_a_prior_is_normal(share, understated):
     """A measurement of error 1 joined with one that is `share` as sure, whose error may be larger than was believed."""
     random, least = np.random.default_rng(0), 1 / (1 + share)
     pull = share * least
@@ -286,7 +286,7 @@ def test_by_chance_an_estimate_is_as_far_from_what_was_stated_as_a_normal_number
     [("converged", "model_incomplete"), ("ambiguous", "model_incomplete"), ("model_incomplete", "model_incomplete"),
      ("not_converged", "not_converged"), ("degenerate", "degenerate")],
 )  # fmt: skip
-def test_what_contradicts_a_prior_is_said_first_and_is_not_converged(status, wanted):
+def test_a_contradicted_prior_is_said_first(status, wanted):
     found = Contradiction.of("eye.viewpoint.z", (5.012, 1e-4), (5.0, 0.002))
     word, message, advice = contradicted_status([found], (status, "what was said", "what to do"))
     assert word == wanted and advice.startswith("measure eye.viewpoint.z again")
@@ -296,7 +296,7 @@ def test_what_contradicts_a_prior_is_said_first_and_is_not_converged(status, wan
     assert ("what was said" in message) == ("what to do" in advice) == (status != "converged")
 
 
-def test_where_the_picture_is_not_explained_it_is_not_asked_what_it_determines():
+def test_unexplained_outranks_degenerate():
     """Away from the answer a picture may say little of a parameter: the place is at fault, not the question."""
     for wide in (sure((0.1, 5.0), ("ball.ior",)), OPEN):
         assert status_of({"uncertainty": wide})[0] == "degenerate"
@@ -305,7 +305,7 @@ def test_where_the_picture_is_not_explained_it_is_not_asked_what_it_determines()
         assert "still moving" in status_of({"uncertainty": wide, "explained": False, "settled": False})[1]
 
 
-def test_what_an_answer_rests_on_is_said_in_words():
+def test_what_an_answer_rests_on_is_said():
     names, error = ("ball.ior", "ball.center.z"), np.array([1e-4, 2.5e-4])
     radius = Assumption("ball.radius", 2.3, 2.3, 0.0, np.array([0.65, -2.2]), "world unit")
     ior, z = dependences((radius,), names, error)
@@ -326,7 +326,7 @@ def test_what_an_answer_rests_on_is_said_in_words():
     assert "were that 0.04 degrees larger" in dependences((stated, view), names, error)[0].words
 
 
-def test_chi_square_is_too_large_where_noise_is_not_what_was_stated():
+def test_chi_square_tells_understated_noise():
     counts = np.ones((HEIGHT, WIDTH), bool)
     assert chi_square_excess(0.01 * noise(0), counts, 0.01) == 0
     assert chi_square_excess(0.01 * noise(0), counts, None) == 0
@@ -336,7 +336,7 @@ def test_chi_square_is_too_large_where_noise_is_not_what_was_stated():
 
 
 @given(st.sets(st.sampled_from(list(BAD))))
-def test_only_a_fit_with_nothing_wrong_has_converged(wrong):
+def test_only_a_faultless_fit_converges(wrong):
     status, message, advice = status_of({k: v for one in wrong for k, v in BAD[one].items()})
     assert (status == "converged") == (not wrong)
     assert message and advice
@@ -349,7 +349,7 @@ def test_only_a_fit_with_nothing_wrong_has_converged(wrong):
         *((np.inf, 0.1, ""), (0.5, np.inf, ""), (0.5, np.nan, "")),
     ],
 )
-def test_a_profile_that_contradicts_its_error_bar_is_told(half, error, told):
+def test_a_profile_unlike_its_error_is_told(half, error, told):
     """One without an end, or an error bar, contradicts nothing."""
     nothing = np.zeros(0)
     profile = Profile("ball.ior", nothing, nothing, np.zeros((2, 0)), (1.5 - half, 1.5 + half))

@@ -27,9 +27,7 @@ def posed(settings, free=("vitreous.ior",)):
 @pytest.mark.parametrize("base_binning", [1, 2])
 @pytest.mark.parametrize("mapping", ["corner", "center"])
 @pytest.mark.parametrize("crop", [None, CROP])
-def test_a_large_pixel_lies_in_the_middle_of_those_it_stands_for(
-    binning: int, base_binning: int, mapping: PixelConvention, crop
-):
+def test_a_binned_pixel_is_centred(binning: int, base_binning: int, mapping: PixelConvention, crop):
     window = None if crop is None else tuple(number // base_binning for number in crop)
     problem = posed(dataclasses.replace(WHOLE, binning=base_binning, mapping=mapping, crop=window))
     own, large = problem.raster().pixels, problem.raster(binning).pixels
@@ -39,7 +37,7 @@ def test_a_large_pixel_lies_in_the_middle_of_those_it_stands_for(
 
 
 @pytest.mark.slow
-def test_the_film_darkens_larger_pixels_of_a_window_as_it_does_their_own():
+def test_vignetting_and_binning_commute():
     problem = posed(dataclasses.replace(WHOLE, crop=CROP))
     light = np.ones((3, 20, 24))
     film = parse_scene(f"film f {{ vignetting 0.4 }} {CAMERA}").film

@@ -39,7 +39,7 @@ def inner(a, b):
 
 
 @given(seed=SEEDS)
-def test_reflection_is_an_involution_that_keeps_lengths_and_ignores_the_side(seed):
+def test_reflection_is_an_involution(seed):
     d, n, _ = random_case(seed)
     r = reflect(d, n)
     np.testing.assert_allclose(inner(r, r), 1, atol=1e-14)
@@ -94,7 +94,7 @@ def critical_pair(distance, eta=0.7):
     ],
     ids=["middle", "thinner", "grazing", "grazing_thin", "critical2", "critical3", "critical4", "total"],
 )
-def test_derivatives_against_central_differences(case, step):
+def test_derivatives_are_central_differences(case, step):
     def everything(d, n, eta):
         t, cos_theta_t, _ = refract(d, n, eta)
         return jnp.concatenate([t, cos_theta_t[None], reflect(d, n), fresnel_schlick(cos_theta_t, eta)[None]])
@@ -119,7 +119,7 @@ def test_derivatives_against_central_differences(case, step):
     [at_angle(np.pi / 2, 1.5), at_angle(0.0, 1.5), at_angle(np.pi / 2, 1.0), critical_pair(0.0), critical_pair(1e-300)],
     ids=["grazing", "normal", "grazing_air", "critical", "nearly_critical"],
 )
-def test_derivatives_are_finite_at_the_limits(case):
+def test_derivatives_are_finite_at_limits(case):
     for function in (lambda *c: refract(*c)[0], lambda *c: refract(*c)[1]):
         value, pull = jax.vjp(function, *case)
         for leaf in jax.tree.leaves((value, pull(jnp.ones_like(value)))):
@@ -129,7 +129,7 @@ def test_derivatives_are_finite_at_the_limits(case):
 
 
 @pytest.mark.parametrize("distance", [0.3, 0.02, 0.004, 0.0, -0.004, -0.0099, -0.02])
-def test_what_straddles_the_critical_angle_transmits_in_the_mean(distance):
+def test_critical_footprints_are_averaged(distance):
     """The cosine of refraction of a footprint is the mean over it, and so is its derivative."""
     d, n, eta = critical_pair(distance)
     width, parts = 0.02, 100_000
@@ -150,7 +150,7 @@ def test_what_straddles_the_critical_angle_transmits_in_the_mean(distance):
     )
 
 
-def test_a_footprint_of_no_size_refracts_as_a_point_does():
+def test_zero_footprints_refract_as_points():
     d, n, eta = random_case(3)
     point = refract(d, n, eta)
     passes = ~point[2]

@@ -115,7 +115,7 @@ FORMULAS = {
 
 
 @pytest.mark.parametrize("name", FORMULAS)
-def test_derivatives_are_the_documented_closed_forms_in_both_modes(name):
+def test_derivatives_are_the_closed_forms(name):
     function, slopes, cases = FORMULAS[name]
     arguments = tuple(jnp.asarray(column) for column in zip(*cases, strict=True))
     expected = np.stack([slopes(*case) for case in cases], axis=1)
@@ -172,7 +172,7 @@ def test_snell_and_the_way_back(theta_i, eta):
 
 
 @given(theta_i=ANGLES, eta=ETAS)
-def test_the_angle_is_that_of_the_refracted_direction(theta_i, eta):
+def test_the_angle_is_of_the_refracted_ray(theta_i, eta):
     d = jnp.stack([jnp.sin(theta_i), -jnp.cos(theta_i), jnp.zeros(())])
     _, cos_theta_t, total = optics.refract(d, jnp.asarray([0.0, 1, 0]), jnp.asarray(eta))
     assert np.cos(optics.snell_angle(theta_i, eta)) == pytest.approx(float(cos_theta_t), abs=1e-7)
@@ -181,7 +181,7 @@ def test_the_angle_is_that_of_the_refracted_direction(theta_i, eta):
 
 
 @given(theta_i=ANGLES, eta=ETAS)
-def test_a_surface_neither_makes_nor_eats_light_and_is_the_same_from_both_sides(theta_i, eta):
+def test_a_surface_conserves_light(theta_i, eta):
     c = np.cos(theta_i)
     parallel, perpendicular = optics.fresnel_amplitudes(c, eta)
     r = optics.fresnel_dielectric(c, eta)
@@ -201,14 +201,14 @@ def test_a_surface_neither_makes_nor_eats_light_and_is_the_same_from_both_sides(
 
 
 @given(eta=st.floats(0.35, 3.0))
-def test_nothing_polarised_in_the_plane_is_reflected_at_brewsters_angle(eta):
+def test_brewsters_angle_reflects_no_p_light(eta):
     parallel, perpendicular = optics.fresnel_amplitudes(np.cos(optics.brewster_angle(eta)), eta)
     assert abs(parallel) < 1e-12
     assert perpendicular == pytest.approx((1 - eta**2) / (1 + eta**2), abs=1e-12)
 
 
 @given(theta_i=ANGLES, eta=st.floats(1.05, 2.5), k=st.integers(0, 3))
-def test_the_deviation_is_that_of_a_ray_traced_through_a_ball(theta_i, eta, k):
+def test_the_deviation_matches_a_traced_ray(theta_i, eta, k):
     p = np.array([-np.cos(theta_i), np.sin(theta_i), 0])
     d, turned = jnp.asarray([1.0, 0, 0]), 0.0
 
@@ -230,7 +230,7 @@ def test_the_deviation_is_that_of_a_ray_traced_through_a_ball(theta_i, eta, k):
 
 @pytest.mark.slow
 @given(eta=st.floats(1.01, 1.99), k=st.integers(1, 3))
-def test_a_rainbow_is_where_the_deviation_is_least(eta, k):
+def test_the_rainbow_has_minimum_deviation(eta, k):
     theta_i = optics.rainbow_incidence(eta, k)
     assert jax.grad(optics.sphere_deviation)(theta_i, eta, k) == pytest.approx(0, abs=1e-6)
     angles = np.linspace(0, np.pi / 2, 200)
@@ -238,7 +238,7 @@ def test_a_rainbow_is_where_the_deviation_is_least(eta, k):
 
 
 @given(radius=st.floats(0.1, 10), eta=st.floats(1.1, 2.9))
-def test_a_ball_focuses_rays_near_its_axis_where_it_is_said_to(radius, eta):
+def test_a_ball_focuses_rays_near_its_axis(radius, eta):
     height = 1e-4 * radius
     theta_i = np.arcsin(height / radius)
     turned = float(optics.sphere_deviation(theta_i, eta))
@@ -261,7 +261,7 @@ TOTAL = {
 
 
 @pytest.mark.parametrize("name", TOTAL)
-def test_beyond_the_limits_is_what_is_documented(name):
+def test_values_beyond_limits_are_as_stated(name):
     function, arguments, value, slopes = TOTAL[name]
     places = tuple(range(len(arguments)))
     found, gradient = jax.value_and_grad(function, places)(*arguments)
@@ -271,7 +271,7 @@ def test_beyond_the_limits_is_what_is_documented(name):
 
 
 @pytest.mark.parametrize("distance", [1e-3, 1e-6, 1e-9, 1e-12, 0.0, -1e-12, -1e-9, -1e-3])
-def test_values_are_continuous_and_slopes_finite_on_both_sides_of_the_critical_angle(distance):
+def test_values_join_at_the_critical_angle(distance):
     eta = 0.7
     theta_i = optics.critical_angle(eta) - distance
     near = 3 * np.sqrt(abs(distance)) + 1e-7  # Both tend to their limits like a square root.
@@ -286,7 +286,7 @@ def test_values_are_continuous_and_slopes_finite_on_both_sides_of_the_critical_a
             assert np.abs(slopes[0]) > 0.3 / np.sqrt(distance)
 
 
-def test_arguments_broadcast_and_may_be_plain_numbers():
+def test_arguments_broadcast():
     angles, etas = np.linspace(0, 1.5, 4)[:, None], np.linspace(0.5, 2, 3)
     table = optics.snell_angle(angles, etas)
     assert table.shape == optics.fresnel_dielectric(np.cos(angles), etas).shape == (4, 3)
@@ -294,7 +294,7 @@ def test_arguments_broadcast_and_may_be_plain_numbers():
     assert optics.sphere_deviation(np.float32(0.5), jnp.float32(1.5)).dtype == np.float32
 
 
-def test_impossible_numbers_of_reflections_are_refused():
+def test_bad_reflection_counts_are_refused():
     with pytest.raises(ValueError, match="internal_reflections is -1; it can be 0 or more"):
         optics.sphere_deviation(0.5, 1.5, -1)
     with pytest.raises(ValueError, match="internal_reflections is 0; it can be 1 or more"):
@@ -318,7 +318,7 @@ UNDEFINED = {
 
 
 @pytest.mark.parametrize("name", UNDEFINED)
-def test_what_has_no_value_is_refused_where_it_is_known_and_nan_where_it_is_traced(name):
+def test_undefined_values_are_refused_or_nan(name):
     function, arguments, words = UNDEFINED[name]
     with pytest.raises(RaytraceError, match=words):
         function(*arguments)

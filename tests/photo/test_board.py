@@ -61,7 +61,7 @@ def grey(path):
 @pytest.mark.parametrize(
     "pattern", [SMALL, Pattern(3, 4, 2), Pattern(6, 3, 8, 0.75), Pattern(5, 3, 8, 0.5, "DICT_4X4_50")]
 )
-def test_the_lattice_holds_every_cell_exactly(pattern):
+def test_the_lattice_holds_every_cell(pattern):
     markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, pattern.dictionary))
     size = pattern.columns, pattern.rows
     board = cv2.aruco.CharucoBoard(size, pattern.square, pattern.marker, markers)
@@ -70,7 +70,7 @@ def test_the_lattice_holds_every_cell_exactly(pattern):
     np.testing.assert_array_equal(board_sheet.pattern_picture(pattern, 6), drawn)
 
 
-def test_a_board_to_print_has_its_paper_its_texture_and_its_blocks(tmp_path, capsys):
+def test_a_board_has_page_texture_and_blocks(tmp_path, capsys):
     path = tmp_path / "new" / "board.pdf"
     assert run("board", "-o", path) == 0
     texture = path.with_name("board_texture.png")
@@ -89,7 +89,7 @@ def test_a_board_to_print_has_its_paper_its_texture_and_its_blocks(tmp_path, cap
 
 
 @pytest.mark.parametrize("paper", PAPERS)
-def test_the_page_is_the_paper_and_the_same_board_is_the_same_file(paper, tmp_path):
+def test_the_same_board_is_the_same_file(paper, tmp_path):
     for name in ("a.pdf", "b.pdf"):
         assert run("board", "-o", tmp_path / name, "--paper", paper, "--square", "2cm", "--squares", 6, 4) == 0
     page, other = ((tmp_path / name).read_bytes() for name in ("a.pdf", "b.pdf"))
@@ -99,7 +99,7 @@ def test_the_page_is_the_paper_and_the_same_board_is_the_same_file(paper, tmp_pa
 
 
 @pytest.mark.parametrize("square", [10, 0.8 * 25.4])
-def test_the_drawn_page_is_decoded_at_its_true_size(square):
+def test_the_page_is_decoded_at_true_size(square):
     pattern = Pattern(*board_sheet.squares_within(board_sheet.paper_room("a4"), square, None, "A4"), square)
     board_sheet.draw_sheet(pattern, "a4").savefig(file := io.BytesIO(), dpi=200, format="png")
     page = np.asarray(Image.open(file).convert("L"))
@@ -119,7 +119,7 @@ def test_the_drawn_page_is_decoded_at_its_true_size(square):
     assert min(page[:edge].min(), page[-edge:].min(), page[:, :edge].min(), page[:, -edge:].min()) == 255
 
 
-def test_the_ruler_is_100_mm_long_and_the_text_fits():
+def test_the_ruler_is_100_mm_long():
     for paper in PAPERS:
         figure = board_sheet.draw_sheet(SMALL, paper)
         (ax,) = figure.axes
@@ -138,7 +138,7 @@ def test_the_ruler_is_100_mm_long_and_the_text_fits():
             )
 
 
-def test_a_board_on_a_screen_has_whole_pixels_and_true_sizes(tmp_path, capsys):
+def test_a_screen_board_has_whole_pixels(tmp_path, capsys):
     path = tmp_path / "board.png"
     assert run("board", "-o", path, "--screen", "27in", "--pixels", 1280, 720, "--square", "25mm") == 0
     said = capsys.readouterr().out.splitlines()[-1]
@@ -156,7 +156,7 @@ def test_a_board_on_a_screen_has_whole_pixels_and_true_sizes(tmp_path, capsys):
     assert float(scene["board.up.y"]) == pytest.approx(11 * 30 * pitch, rel=1e-9)
 
 
-def test_a_large_screen_gets_squares_for_which_there_are_markers(tmp_path, capsys):
+def test_a_large_screen_has_enough_markers(tmp_path, capsys):
     screen = "--screen", "27in", "--pixels", 2560, 1440
     assert run("board", "-o", tmp_path / "a.png", *screen) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("41 x 23 squares of 14.0092 mm")
@@ -186,7 +186,7 @@ def test_without_opencv_the_extra_is_named(tmp_path, monkeypatch, capsys):
     assert not list(tmp_path.iterdir())
 
 
-def test_an_opencv_that_is_too_old_or_broken_is_told(tmp_path, monkeypatch):
+def test_a_bad_opencv_is_told(tmp_path, monkeypatch):
     (tmp_path / "cv2.py").write_text("raise ImportError('libGL.so.1 is missing')")
     monkeypatch.delitem(sys.modules, "cv2", raising=False)
     monkeypatch.syspath_prepend(tmp_path)
@@ -227,7 +227,7 @@ def test_what_is_no_length_is_refused(read, text, words):
         read(text)
 
 
-def test_a_board_that_is_read_has_its_markers_and_corners_where_the_pattern_has_them(board):
+def test_a_board_is_read_as_the_pattern(board):
     assert board.dictionary == PATTERN.dictionary and board.square == pytest.approx(PATTERN.square, rel=1e-3)
     np.testing.assert_allclose(board.half, [70, 50])
     assert set(board.ids.tolist()) == set(range(PATTERN.markers))
@@ -278,7 +278,7 @@ def grid_of_markers():
         (charuco(5, 4, "DICT_5X5_50"), "too small: 12 corners lie between the squares of its 10 markers, and 20 are"),
     ],
 )
-def test_a_board_that_cannot_be_used_says_why(picture, words, tmp_path):
+def test_an_unusable_board_says_why(picture, words, tmp_path):
     path = write_board(tmp_path)
     Image.fromarray(picture).save(tmp_path / "board_texture.png")
     height, width = picture.shape

@@ -68,7 +68,7 @@ BAD_INPUT = [
 
 
 @pytest.mark.parametrize(("code", "arguments", "words"), BAD_INPUT)
-def test_bad_input_is_one_message_before_the_work(code, arguments, words, folder, monkeypatch, capsys):
+def test_bad_input_is_one_early_message(code, arguments, words, folder, monkeypatch, capsys):
     def never(*_, **__):
         raise AssertionError("work has begun")
 
@@ -89,7 +89,7 @@ def test_bad_input_is_one_message_before_the_work(code, arguments, words, folder
     assert sorted(folder.rglob("*")) == before
 
 
-def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, monkeypatch, capsys):
+def test_unmeasured_lengths_are_uncertain(folder, monkeypatch, capsys):
     given = seen_by_locate(monkeypatch)
     assert run(*BALL) == run(*PHOTO, "--radius", "20+-0.01mm", "--ruler", "99.9+-0.02mm") == 1
     warned = capsys.readouterr().err
@@ -133,7 +133,7 @@ def corners_say(monkeypatch, known):
     return drawn
 
 
-def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatch, capsys):
+def test_long_writes_errors_out(folder, monkeypatch, capsys):
     drawn = corners_say(monkeypatch, Known(np.zeros(16), np.zeros((0, 16)), np.zeros(16)))
     assert run(*BALL) == 0
     captured = capsys.readouterr()
@@ -153,7 +153,7 @@ def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatc
     assert "error: It is too dark." in capsys.readouterr().err
 
 
-def test_what_was_stated_and_comes_out_otherwise_is_told_first(folder, monkeypatch, capsys):
+def test_contradictions_are_told_first(folder, monkeypatch, capsys):
     mean, root = np.full(16, 6.5), np.zeros((2, 16))
     mean[15], root[0, 6], root[1, 15] = 15.9, 50, 1 / 0.02  # The angle of view is 6.5, and the radius 15.5.
     drawn = corners_say(monkeypatch, Known(mean, root, np.zeros(16)))
@@ -195,9 +195,7 @@ def write_silent(path, codes, bits):
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".ppm"])
 @pytest.mark.parametrize(("bits", "transfer"), [(8, "srgb"), (16, "course")])
 @pytest.mark.parametrize("asked", [None, "srgb", "course"])
-def test_numbers_of_8_bits_without_a_word_are_srgb_and_that_is_told(
-    suffix, bits, transfer, asked, folder, monkeypatch, capsys
-):
+def test_unmarked_8_bits_are_told_as_srgb(suffix, bits, transfer, asked, folder, monkeypatch, capsys):
     codes = np.random.default_rng(0).integers(1, 2**bits - 1, (6, 8, 3))
     path = Path(f"silent{suffix}")
     write_silent(path, codes, bits)
@@ -219,7 +217,7 @@ def test_numbers_of_8_bits_without_a_word_are_srgb_and_that_is_told(
     assert message.count(words) == (asked is None) and "error: seen enough" in message
 
 
-def test_the_sheet_of_a_refusal_shows_what_was_taken_for_what():
+def test_a_refusal_shows_what_was_taken():
     corners = Corners(np.full((3, 2), 20.0), np.zeros((3, 2)), np.ones(3))
     discs = [Disc(np.array([30.0, 20.0]), 8.0), Disc(np.array([10.0, 20.0]), 9.0)]
     taken = Diagnostics(np.zeros((5, 4, 2)), corners, corners.where(np.array([True, False, True])), discs)
@@ -232,7 +230,7 @@ def test_the_sheet_of_a_refusal_shows_what_was_taken_for_what():
     assert len(bare.axes) == 1 and "0 markers" in bare.axes[0].get_title()
 
 
-def test_the_ball_s_place_may_be_stated_and_an_underexposed_photograph_is_told(folder, monkeypatch, capsys):
+def test_the_balls_place_may_be_stated(folder, monkeypatch, capsys):
     given = seen_by_locate(monkeypatch)
     assert run(*BALL) == 1 and "underexposed" not in capsys.readouterr().err
     Image.fromarray((np.asarray(Image.open("photo.png")) * (40 / 255)).astype(np.uint8)).save("photo.png")
@@ -245,7 +243,7 @@ def test_the_ball_s_place_may_be_stated_and_an_underexposed_photograph_is_told(f
 
 @pytest.mark.parametrize(("orientation", "center"), [(1, (0.02, -0.01)), (3, (-0.02, 0.01)), (6, (0.01, 0.02))])
 @pytest.mark.filterwarnings("ignore::raytrace_jax.PictureWarning")
-def test_a_lens_is_turned_as_exif_says_of_the_photograph(orientation, center, folder, monkeypatch):
+def test_a_lens_is_turned_by_exif(orientation, center, folder, monkeypatch):
     exif = Image.Exif()
     exif[0x0112] = orientation
     Image.fromarray(np.full((40, 40), 99, np.uint8)).save("turned.jpg", exif=exif)
@@ -257,7 +255,7 @@ def test_a_lens_is_turned_as_exif_says_of_the_photograph(orientation, center, fo
 
 
 @pytest.mark.parametrize("fails", [True, False])
-def test_exif_that_the_board_contradicts_is_named_and_not_believed(fails, folder, monkeypatch, capsys):
+def test_contradicted_exif_is_not_believed(fails, folder, monkeypatch, capsys):
     write_jpeg("zoomed.jpg", xA405=27)
     numbers = np.full(16, 35.0)
     asked = []
@@ -292,7 +290,7 @@ def write_jpeg(path, **exif_numbers):
 
 @pytest.mark.parametrize("command", [["photo", "a.jpg", "silent.jpg", "b.jpg", *BALL[2:]],
                                      ["calibrate", "a.jpg", "silent.jpg", "b.jpg", *CALIBRATE[1:]]])  # fmt: skip
-def test_photographs_by_two_zooms_or_of_two_sizes_are_refused_by_name(command, folder, capsys):
+def test_mixed_zooms_and_sizes_are_refused(command, folder, capsys):
     write_jpeg("a.jpg", x920A=35.0)
     write_jpeg("silent.jpg")
     write_jpeg("b.jpg", x920A=50.0)
@@ -304,7 +302,7 @@ def test_photographs_by_two_zooms_or_of_two_sizes_are_refused_by_name(command, f
     assert "b.jpg has 40 x 32 pixels on the sensor and a.jpg 48 x 32" in " ".join(capsys.readouterr().err.split())
 
 
-def test_several_refusals_are_one_message_and_a_sheet_each_and_leave_no_numbers_of_earlier_ones(folder, capsys):
+def test_several_refusals_are_one_message(folder, capsys):
     for name in ("a.png", "b.png"):
         Image.fromarray(np.full((40, 60), 99, np.uint8)).save(name)
     Path("out").mkdir()

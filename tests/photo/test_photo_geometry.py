@@ -38,7 +38,7 @@ def numeric(function, x, step):
     return np.stack(columns, -1)
 
 
-def test_a_rotation_vector_means_what_scipy_has_it_mean():
+def test_a_rotation_vector_is_that_of_scipy():
     rng = np.random.default_rng(0)
     axes = rng.normal(size=(8, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
@@ -49,7 +49,7 @@ def test_a_rotation_vector_means_what_scipy_has_it_mean():
 
 
 @pytest.mark.slow
-def test_a_rotation_s_derivative_is_right_also_at_0():
+def test_a_rotation_is_differentiable_at_0():
     wanted = np.zeros((3, 3, 3))
     for k in range(3):
         wanted[:, :, k] = np.cross(np.eye(3)[k], np.eye(3)).T
@@ -63,7 +63,7 @@ def test_a_rotation_s_derivative_is_right_also_at_0():
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_points_are_projected_as_opencv_projects_them(lens):
+def test_points_are_projected_as_by_opencv(lens):
     setup = setup_of(lens)
     points = np.random.default_rng(1).uniform([-80, -60, 0], [80, 60, 90], (200, 3))
     focal = SIZE[0] / (2 * np.tan(np.radians(35.0) / 2))
@@ -86,13 +86,13 @@ def test_points_are_projected_as_opencv_projects_them(lens):
     np.testing.assert_allclose(project(setup, SIZE, flat), pixels, atol=1e-9)
 
 
-def test_rays_away_from_the_board_meet_nothing():
+def test_rays_away_from_the_board_miss():
     origin = jnp.array([[0.0, 0, 10]] * 3).T
     _, distance = geometry.on_board(origin, jnp.array([[0.0, 0, 1], [1.0, 0, 0], [0.0, 0, -1]]).T)
     np.testing.assert_array_equal(distance, [-1, -1, 10])
 
 
-def test_what_a_sight_sees_directly_is_where_the_camera_s_projection_has_it():
+def test_direct_sight_inverts_the_projection():
     sight = Sight(setup_of(LENSES[1]), SIZE)
     places = np.random.default_rng(3).uniform(-50, 50, (5000, 2))  # More than a program's rows, of either size.
     found, sees = sight.directly(sight.where(places))
@@ -115,7 +115,7 @@ def refracted(d, n, ratio):
 
 
 @pytest.mark.parametrize("index", [1.0, 1.33, 1.5, 1.9])
-def test_rays_of_a_tilted_camera_follow_snell_s_law(index):
+def test_rays_of_a_tilted_camera_obey_snell(index):
     setup, center, radius = setup_of(LENSES[1], [index, *BALL[1:]]), BALL[1:4], BALL[4]
     middle, size = Sight(setup, SIZE).outline
     pixels = middle + size * np.random.default_rng(4).uniform(-0.65, 0.65, (40, 2))
@@ -166,7 +166,7 @@ def missed(numbers, pixels, places):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("index", [1.0, 1.5])
-def test_derivatives_through_the_glass_agree_with_differences_in_both_modes(index):
+def test_glass_derivatives_are_differences(index):
     setup = setup_of(LENSES[1], [index, *BALL[1:]])
     numbers, (middle, radius) = setup.vector, Sight(setup, SIZE).outline
     pixels = jnp.asarray(middle + radius * np.random.default_rng(6).uniform(-0.6, 0.6, (8, 2)))
@@ -184,7 +184,7 @@ def test_derivatives_through_the_glass_agree_with_differences_in_both_modes(inde
 
 @pytest.mark.slow
 @pytest.mark.parametrize("index", [0.8, 1.0, 1.5])
-def test_values_and_derivatives_are_finite_at_the_rim_beyond_it_and_in_the_middle(index):
+def test_derivatives_are_finite_at_the_rim(index):
     height, above, radius = 250.0, 60.0, 20.0
     # The camera looks straight down on the board's middle: half a turn about x.
     setup = setup_of(ball=[index, 0, 0, above, radius], pose=[np.pi, 0, 0, 0, 0, height])
@@ -205,7 +205,7 @@ def test_values_and_derivatives_are_finite_at_the_rim_beyond_it_and_in_the_middl
 
 
 @pytest.mark.slow
-def test_corners_miss_by_nothing_where_they_are_seen_and_by_pixels_beside_it():
+def test_seen_corners_miss_by_nothing():
     setup = setup_of(LENSES[1])
     numbers, (middle, radius) = setup.vector, Sight(setup, SIZE).outline
     pixels = jnp.asarray(middle + radius * np.random.default_rng(7).uniform(-0.55, 0.55, (8, 2)))
@@ -225,7 +225,7 @@ def test_corners_miss_by_nothing_where_they_are_seen_and_by_pixels_beside_it():
 
 
 @pytest.mark.parametrize("binning", [1, 2, 3, 7])
-def test_a_grid_s_pixels_lie_in_the_middle_of_their_parts(binning):
+def test_grid_pixels_are_centred_on_parts(binning):
     width, height = 101, 64
     row, column = np.mgrid[:height, :width].astype(float)
     image = np.stack([column, row, column * row])
@@ -247,7 +247,7 @@ def test_a_grid_s_pixels_lie_in_the_middle_of_their_parts(binning):
     assert beyond.window == whole.window
 
 
-def test_the_light_on_a_board_is_found_beside_ink_and_a_dark_stain():
+def test_board_light_is_found_beside_a_stain():
     rng = np.random.default_rng(8)
     half = np.array([70.0, 50.0])
     place = rng.uniform(-half, half, (6000, 2))
@@ -271,7 +271,7 @@ def test_the_light_on_a_board_is_found_beside_ink_and_a_dark_stain():
 LENS = LensPrior(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), np.diag([0.01, 1e-4, 4e-4, 2e-4, 3e-4]) + 1e-5)
 
 
-def test_a_lens_comes_back_from_its_file_for_pictures_of_its_shape(tmp_path):
+def test_a_lens_comes_back_from_its_file(tmp_path):
     path = tmp_path / "new" / "camera.toml"
     write_lens(path, LENS, (4000, 3000), "By a test.")
     assert path.read_text().startswith("# By a test.\n")

@@ -44,18 +44,18 @@ def problem(noise, off=0.0):
 
 
 @pytest.mark.parametrize("noise", [1e-3, 0.02, 5.0])
-def test_they_are_one_least_squares_problem_and_never_less_sure_than_the_corners(noise):
+def test_joint_estimate_is_least_squares(noise):
     both, wanted, alone = problem(noise)
     np.testing.assert_allclose(both.ior, wanted, rtol=1e-8)
     assert both.ior[1] < alone and both.apart < 3
 
 
-def test_light_that_contradicts_the_corners_counts_for_less():
+def test_contradicting_light_counts_for_less():
     agrees, (index, _), alone = problem(0.02)
     differs, _, _ = problem(0.02, off=1.0)
     assert differs.apart > 5 > agrees.apart
     assert differs.share < 0.3 * agrees.share and abs(differs.ior[0] - index) < 3 * alone
 
 
-def test_index_and_centre_are_what_the_fit_finds():
+def test_index_and_centre_are_fitted():
     assert set(GLASS) <= {name for free in FREE for name in (free, *(f"{free}.{axis}" for axis in "xyz"))}

@@ -50,7 +50,7 @@ def located(image, board):
 
 
 @pytest.mark.slow
-def test_the_index_and_the_place_of_the_ball_are_found_within_their_errors(located):
+def test_the_ball_is_found_within_errors(located):
     index, error = located.ior
     assert abs(index - INDEX) < 2e-3 and abs(index - INDEX) < 4 * error and error < 5e-3
     off = located.setup.center - CENTER
@@ -71,7 +71,7 @@ def test_the_index_and_the_place_of_the_ball_are_found_within_their_errors(locat
 
 
 @pytest.mark.slow
-def test_the_scene_of_the_flattened_photograph_looks_like_it(image, located):
+def test_the_scene_looks_like_the_photograph(image, located):
     flat = flatten(image, located)
     room = room_scene(located, flat)
     assert flat.counts.shape == flat.image.shape[1:] == (flat.grid.window[3], flat.grid.window[2])
@@ -90,7 +90,7 @@ def test_the_scene_of_the_flattened_photograph_looks_like_it(image, located):
 
 
 @pytest.mark.parametrize("light", [0.5, 0.0])
-def test_a_grey_picture_is_refused_with_what_to_do(light, board):
+def test_a_grey_picture_is_refused(light, board):
     with pytest.raises(PictureError, match=r"grey: 8 markers of .*board\.txt are wanted, and 0 are found.*nearer"):
         locate(photograph_of(np.full((3, HEIGHT, WIDTH), light), "grey"), board, (RADIUS, 0.0), uncalibrated())
 
@@ -99,7 +99,7 @@ def test_a_grey_picture_is_refused_with_what_to_do(light, board):
     ("picture", "share"),
     [(charuco(14, 10, "DICT_5X5_1000", is_legacy=True), 0), (charuco(15, 10, "DICT_5X5_1000"), 52)],
 )
-def test_a_board_whose_markers_lie_elsewhere_is_another_one(picture, share, board):
+def test_misplaced_markers_are_another_board(picture, share, board):
     light = np.repeat(np.pad(picture, 20, constant_values=255)[None] / 255.0, 3, axis=0)
     words = rf"other: of the neighbours of its \d+ markers {share}% lie where .*board\.txt has them: another board"
     with pytest.raises(PictureError, match=words):
@@ -107,7 +107,7 @@ def test_a_board_whose_markers_lie_elsewhere_is_another_one(picture, share, boar
 
 
 @pytest.mark.parametrize("turn", [np.s_[:, :, ::-1], np.s_[:, ::-1]], ids=["left-right", "top-bottom"])
-def test_a_mirrored_picture_is_said_to_be_one(turn, board):
+def test_a_mirrored_picture_is_told(turn, board):
     mirrored = photograph_of(boards.flat_picture(boards.PATTERN)[turn], "mirrored")
     words = r"mirrored: 8 markers .* and 0 are found, but 70 in its mirror image.* `magick FILE -flop FILE`"
     with pytest.raises(PictureError, match=words):
@@ -118,7 +118,7 @@ DRAWN = Setup.of(np.array([np.pi, 0, 0, 0, 0, 600.0, 40.0, 0, 0, 0, 0, INDEX, 0,
 """A camera straight before the board's middle, and a ball."""
 
 
-def test_corners_of_a_level_picture_are_measured_to_a_hundredth_of_a_pixel(board):
+def test_corners_are_measured_to_0_01_pixel(board):
     """The board straight ahead, whose edges lie along the pixels' sides, drawn with 256 rays each."""
     sight = Sight(DRAWN, SIZE)
     expected = sight.where(board.corners)
@@ -181,7 +181,7 @@ def on_a_post(board, post):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("post", POSTS)
-def test_a_ball_is_found_on_a_post_and_beside_a_shadow(post, wide_board):
+def test_a_ball_is_found_beside_a_shadow(post, wide_board):
     picture, wanted = on_a_post(wide_board, post)
     found = found_ball(picture, wide_board)
     (center, radius), (at, size) = (Sight(one, SIZE).outline for one in (wanted, found))
@@ -191,7 +191,7 @@ def test_a_ball_is_found_on_a_post_and_beside_a_shadow(post, wide_board):
 
 
 @pytest.mark.slow
-def test_two_balls_are_refused_with_their_places_and_none_with_the_sizes_that_it_could_have(wide_board):
+def test_two_balls_or_none_are_refused(wide_board):
     with pytest.raises(PictureError, match=r"two: the board is seen through two balls, at column \d+, row 2\d\d, with"):
         found_ball(pictured(wide_board, (-30, 0), (30, 5)), wide_board, "two")
     with pytest.raises(PictureError, match=r"none: there is no ball before the board: .* radius of \d+ to \d+ pixels"):
@@ -199,7 +199,7 @@ def test_two_balls_are_refused_with_their_places_and_none_with_the_sizes_that_it
 
 
 @pytest.mark.slow
-def test_a_refused_photograph_says_where_the_ball_was_taken_to_be_and_it_can_be_stated(image, board):
+def test_a_refusal_says_where_the_ball_was(image, board):
     wrong = Disc(np.array([200.0, 200.0]), 50.0)
     with pytest.raises(NotLocated, match=r"taken to be at column 200, row 200, .* 50 pixels; --ball X Y R") as refused:
         locate(photograph_of(image, "ball"), board, (RADIUS, 0.0), uncalibrated(), wrong)
@@ -208,7 +208,7 @@ def test_a_refused_photograph_says_where_the_ball_was_taken_to_be_and_it_can_be_
 
 
 @pytest.mark.slow
-def test_a_photograph_is_fitted_to_the_end_of_its_report(image, tmp_path, monkeypatch, capsys):
+def test_a_photograph_is_fitted_and_reported(image, tmp_path, monkeypatch, capsys):
     write_png(tmp_path / "ball.png", image, transfer="srgb")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("raytrace_jax.photo.room_scene.FitOptions", partial(FitOptions, max_steps=1))

@@ -63,7 +63,7 @@ def view_of(place, turn=None, seed=0, noise=0.05):
 KNOWN = known_before(KNOWN_LENS, KNOWN_RADIUS)
 
 
-def test_three_places_tell_more_than_one_and_what_was_known_counts_once():
+def test_three_places_tell_more_than_one():
     views = [view_of(PLACES[k], Turn(SIZE, 1, turn), k) for k, turn in enumerate((1, 1, 6))]
     joint = adjust(views, KNOWN)
     single = [adjust([view._replace(turn=Turn())], KNOWN).views[0] for view in views[:2]]
@@ -87,7 +87,7 @@ def test_three_places_tell_more_than_one_and_what_was_known_counts_once():
     np.testing.assert_allclose(np.sqrt(two.covariance[AT.ior, AT.ior]), np.sqrt(by_hand[5, 5]), rtol=0.05)
 
 
-def test_the_same_picture_twice_leaves_what_the_radius_does_and_the_budget_adds_up():
+def test_the_error_budget_adds_up():
     view = view_of(PLACES[0])
     once, twice = budget(adjust([view], KNOWN)), budget(adjust([view, view], KNOWN))
     for parts in (once, twice):
@@ -111,7 +111,7 @@ def test_the_same_picture_twice_leaves_what_the_radius_does_and_the_budget_adds_
     ("off", "count", "name"),
     [((0, 0), 1, None), ((-10, 0), 1, "radius"), ((0, 20), 1, "fov"), ((0, 0), 2, None), ((40, 0), 2, "radius")],
 )
-def test_what_was_known_and_comes_out_otherwise_is_named(off, count, name):
+def test_a_contradicted_prior_is_named(off, count, name):
     """The radius and the angle of view are stated so many of their errors off."""
     lens = KNOWN_LENS._replace(mean=TRUE_LENS + np.array([off[1] * 0.02, 0, 0, 0, 0]))
     known = known_before(lens, (RADIUS * (1 + 5e-4 * off[0]), RADIUS * 5e-4))
@@ -123,7 +123,7 @@ def test_what_was_known_and_comes_out_otherwise_is_named(off, count, name):
 
 
 @pytest.mark.slow
-def test_three_pictures_without_the_ball_calibrate_the_lens_however_the_camera_was_turned(board):
+def test_three_turned_pictures_give_the_lens(board):
     sides = [(120.0, 20.0, 190.0), (-110.0, 60.0, 190.0), (10.0, -140.0, 180.0)]
     aside = {"lookat": (0.0, 0.0, 0.0), "center": ((WIDTH - 1) / 2 + 0.01 * WIDTH, (HEIGHT - 1) / 2 - 0.008 * WIDTH)}
     stored = [boards.taken(boards.seen_by(boards.CAMERA | {"viewpoint": side} | aside, board), 3) for side in sides]
@@ -138,7 +138,7 @@ def test_three_pictures_without_the_ball_calibrate_the_lens_however_the_camera_w
     assert found.size == (WIDTH, HEIGHT) and len(found.each) == len(found.sigma) == 3
 
 
-def test_too_few_pictures_or_pictures_of_two_sizes_are_no_calibration(board):
+def test_few_or_mixed_pictures_are_refused(board):
     picture = photograph_of(flat_picture(PATTERN), "flat")
     with pytest.raises(PictureError, match="2 pictures are too few for a calibration: 3 are wanted"):
         calibrate([picture, picture], board)
@@ -168,7 +168,7 @@ LENS = LensPrior(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5)
 
 
 @pytest.mark.parametrize("turns", [(1, 3, 6, 8), (2, 4, 5, 7), (8, 1, 1)])
-def test_a_lens_is_the_same_on_the_sensor_however_the_camera_was_turned(turns, board, monkeypatch):
+def test_turned_pictures_give_the_same_lens(turns, board, monkeypatch):
     found_cameras(monkeypatch, lambda _: LENS)
     shapes = [(3, WIDTH, HEIGHT) if turn > 4 else (3, HEIGHT, WIDTH) for turn in turns]
     pictures = [photograph_of(np.ones(shape), str(turn), turn) for shape, turn in zip(shapes, turns, strict=True)]
@@ -179,7 +179,7 @@ def test_a_lens_is_the_same_on_the_sensor_however_the_camera_was_turned(turns, b
     assert np.all(np.abs(found.lens.mean - LENS.mean) < 0.1 * np.sqrt(np.diagonal(found.lens.covariance)))
 
 
-def test_a_picture_by_another_zoom_is_refused_by_name(board, monkeypatch):
+def test_a_picture_of_another_zoom_is_named(board, monkeypatch):
     found_cameras(
         monkeypatch, lambda photograph: LENS._replace(mean=LENS.mean * (1.1 if photograph.name == "c" else 1))
     )
@@ -199,7 +199,7 @@ def photographed(board, setup, seed, ball=True):
 
 
 @pytest.mark.slow
-def test_a_folder_of_photographs_is_one_command(wide_board, tmp_path, monkeypatch, capsys):
+def test_a_folder_is_one_command(wide_board, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     boards.write_board(tmp_path, boards.WIDE)
     Path("photos").mkdir()

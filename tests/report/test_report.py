@@ -81,7 +81,7 @@ def test_the_files_hold_the_result(tmp_path):
         assert figure.width == 1800
 
 
-def test_json_holds_everything_but_the_pictures(tmp_path):
+def test_json_holds_all_but_the_pictures(tmp_path):
     result = full_result()
     write_report(result, tmp_path)
     summary = read_summary(tmp_path)
@@ -113,7 +113,7 @@ def test_json_holds_everything_but_the_pictures(tmp_path):
     assert summary["settings"]["reflectance"] == "schlick" and "least_weight" not in summary["settings"]
 
 
-def test_a_failure_leaves_the_numbers_and_no_picture_of_an_earlier_fit(tmp_path):
+def test_a_failure_leaves_no_old_pictures(tmp_path):
     write_report(fake_result(), tmp_path)
     broken = changed(fake_result("ambiguous"), pictures={"estimate": np.full((3, 30, 40), np.nan)})
     with pytest.raises(RaytraceError, match="NaN"):
@@ -125,7 +125,7 @@ def test_a_failure_leaves_the_numbers_and_no_picture_of_an_earlier_fit(tmp_path)
 @pytest.mark.parametrize(
     ("stage", "file", "absent"), [("draw_report", "report.png", 2), ("render_page", "report.html", 1)]
 )
-def test_the_numbers_come_before_what_takes_room(stage, file, absent, tmp_path, monkeypatch):
+def test_numbers_are_written_first(stage, file, absent, tmp_path, monkeypatch):
 
     def fail(*arguments, **options):
         raise OSError("no more disk")
@@ -170,7 +170,7 @@ def test_the_ellipse_is_the_covariance_s():
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("correlation", [1.0, -1.0, np.nan])
-def test_figures_of_parameters_that_cannot_be_told_apart(correlation):
+def test_figures_show_degenerate_parameters(correlation):
     result = full_result()
     matrix = np.full((4, 4), correlation)
     np.fill_diagonal(matrix, 1.0)
@@ -194,7 +194,7 @@ def test_figures_of_odd_profiles(chi_square, error):
     FigureCanvasAgg(figure).draw()
 
 
-def test_the_residual_s_scale_is_that_of_the_pixels_that_count():
+def test_masked_residuals_set_no_scale():
     result = fake_result()
     image, weights = result.pictures.target.copy(), result.pictures.weights.copy()
     image[1, 2, 3] -= 4 / 255
@@ -228,7 +228,7 @@ def test_the_residual_s_scale_is_that_of_the_pixels_that_count():
         (np.nan, 1.0, "nan, error unknown", "nan, error unknown"),
     ],
 )
-def test_estimates_have_one_form_and_a_long_one(value, error, short, long):
+def test_estimates_have_two_forms(value, error, short, long):
     assert (with_error(value, error), with_error(value, error, long=True)) == (short, long)
     if " +- " in long:
         assert value_and_error(value, error) == tuple(long.split(" +- "))
@@ -259,7 +259,7 @@ def test_estimates_in_print():
     assert (number_text(np.inf), number_text(np.nan)) == ("infinite", "unknown")
 
 
-def test_the_tables_to_paste_hold_the_estimates():
+def test_tables_to_paste_hold_the_estimates():
     result = full_result(names=("a_1.ior", "b%.center.x", "c{}.radius", "d,\\e.ior"))
     result = changed(result, uncertainty={"standard_error": np.array([2.3e-4, 1.1e-3, np.nan, np.inf])})
     rows = list(csv.DictReader(io.StringIO(csv_table(result))))
@@ -283,7 +283,7 @@ def test_the_tables_to_paste_hold_the_estimates():
     assert r"$1.33712 \pm 0.00028$" in tex_table(result, long=True)
 
 
-def test_the_methods_say_what_was_done_and_name_the_works():
+def test_the_methods_name_the_works():
     result = dataclasses.replace(full_result(), provenance={"target": "a/photo.exr", "target_sha256": "ab12"})
     paragraph, works = methods_text(result).split("\n\n")
     for words in (
@@ -300,7 +300,7 @@ def test_the_methods_say_what_was_done_and_name_the_works():
     assert "1.33700 ± 0.00023" in methods_text(fake_result(), long=True)
 
 
-def test_a_number_that_stands_for_all_channels_is_named_so():
+def test_a_number_for_all_channels_says_so():
     ties = (("film.gain.g", "film.gain.r"), ("film.gain.b", "film.gain.r"), ("a.center.y", "vitreous.ior"))
     result = changed(fake_result(names=("vitreous.ior", "film.gain.r")), given={"ties": ties})
     assert result.labels == ("vitreous.ior", "film.gain")

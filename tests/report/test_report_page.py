@@ -130,7 +130,7 @@ def test_the_page_says_all_of_the_result():
         assert row in page.rows, row
 
 
-def test_the_page_of_a_result_with_little_says_only_that():
+def test_a_small_result_has_a_small_page():
     page = page_of(fake_result())
     assert ["vitreous.radius", "2", "2.3", "not determined", "not determined"] in page.rows
     assert ["2", "vitreous.radius", "–", "1"] in page.rows
@@ -143,7 +143,7 @@ def test_the_page_of_a_result_with_little_says_only_that():
 
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("count", "ellipses"), [(1, 0), (3, 3), (6, 15), (12, 6)])
-def test_the_ellipses_of_many_parameters_are_the_most_correlated(count, ellipses):
+def test_the_most_correlated_have_ellipses(count, ellipses):
     result = full_result(names=tuple(f"shape{i}.ior" for i in range(count)))
     shown = [image["alt"] for image in page_of(result).images() if image["alt"].startswith("95 % ellipse")]
     assert len(shown) == ellipses

@@ -18,7 +18,7 @@ def lines_of(ax):
 
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("name", FORMULAS)
-def test_every_panel_is_titled_labelled_and_has_a_legend(name):
+def test_every_panel_has_title_and_legend(name):
     figure = LESSONS[name]()
     assert isinstance(figure, Figure) and figure.get_suptitle()
     for ax in figure.axes:
@@ -28,7 +28,7 @@ def test_every_panel_is_titled_labelled_and_has_a_legend(name):
 
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("name", ["snell", "ball"])
-def test_the_dots_of_the_closed_forms_lie_on_the_lines_of_the_automatic_derivatives(name):
+def test_closed_forms_lie_on_the_derivatives(name):
     compared = 0
     for ax in LESSONS[name]().axes:
         lines = [line for line in ax.get_lines() if line.get_marker() in ("None", None, "")]
@@ -41,7 +41,7 @@ def test_the_dots_of_the_closed_forms_lie_on_the_lines_of_the_automatic_derivati
     assert compared >= 3
 
 
-def test_what_each_way_of_taking_the_square_root_gives_beyond_the_critical_angle():
+def test_only_a_guarded_root_stays_finite():
     beyond = np.radians([50.0, 60.0])
     finite = [[bool(np.isfinite(x).all()) for x in cosine_and_slopes(f, beyond, 1.5)] for _, _, f in SQUARE_ROOTS]
     # Value, forward mode, reverse mode: as it stands; guarded output; guarded input.
@@ -49,7 +49,7 @@ def test_what_each_way_of_taking_the_square_root_gives_beyond_the_critical_angle
 
 
 @pytest.mark.slow
-def test_a_point_sampled_derivative_misses_what_an_edge_aware_one_sees():
+def test_point_derivatives_miss_edges():
     figure = draw_edges(size=(64, 48), samples=6)
     notes = [ax.get_xlabel() for ax in figure.axes if "correlation" in ax.get_xlabel()]
     correlations = [float(note.split()[-1]) for note in notes]
@@ -59,7 +59,7 @@ def test_a_point_sampled_derivative_misses_what_an_edge_aware_one_sees():
 
 
 @pytest.mark.slow
-def test_the_cost_is_least_at_the_truth_and_its_kink_is_gone_when_blurred():
+def test_blur_removes_the_kink_of_the_cost():
     figure = draw_cost(size=(64, 48), count=25)
     cost = figure.axes[2]
     curves = lines_of(cost)
@@ -74,7 +74,7 @@ def test_the_cost_is_least_at_the_truth_and_its_kink_is_gone_when_blurred():
     assert blurred[1][0] < 0.5 * blurred[1][: near + 1].max()
 
 
-def test_the_command_writes_figures_and_their_page(tmp_path, capsys):
+def test_the_command_writes_figures_and_page(tmp_path, capsys):
     out = tmp_path / "new" / "lecture"
     assert run("teach", "-o", out, "--only", "critical", "snell", "--only", "critical") == 0
     captured = capsys.readouterr()

@@ -54,7 +54,7 @@ def pixels(reply):
     return np.moveaxis(np.asarray(Image.open(io.BytesIO(image_of(reply)))), -1, 0)
 
 
-def test_pictures_are_those_of_the_moved_scene(studio):
+def test_pictures_are_of_the_moved_scene(studio):
     reply = told(studio, "/picture?vitreous.ior=1.8&vitreous.center.x=3.5")
     moved = set_parameters(assignment_scene(), {"vitreous.ior": 1.8, "vitreous.center.x": 3.5})
     expected = encode_course(np.asarray(render(moved, SETTINGS).image))
@@ -63,7 +63,7 @@ def test_pictures_are_those_of_the_moved_scene(studio):
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("text", ["1.3115", "1.31150000000000011", "2.4", "1"])
-def test_the_value_told_is_the_value_rendered(studio, monkeypatch, dtype, text):
+def test_the_told_value_is_the_rendered_one(studio, monkeypatch, dtype, text):
     scene = jax.tree.map(
         lambda leaf: jnp.asarray(leaf, dtype) if np.issubdtype(leaf.dtype, np.floating) else leaf, studio.scene
     )
@@ -86,7 +86,7 @@ def test_steps_are_round_and_fine(start, stop, step):
     assert Slider("a", start, stop).step == step <= min(0.001, (stop - start) / 1000 * (1 + 1e-12))
 
 
-def test_what_was_made_once_needs_no_compiling():
+def test_the_page_knows_what_is_compiled():
     studio = Studio(assignment_scene(), SETTINGS, SLIDERS, "course")
 
     def page():
@@ -102,7 +102,7 @@ def test_what_was_made_once_needs_no_compiling():
     assert 'compiled = ["picture", "rays"]' in page()
 
 
-def test_the_scale_is_that_of_the_sheets_of_derivatives():
+def test_the_scale_is_that_of_the_sheets():
     mean = np.random.default_rng(1).standard_cauchy((30, 40))
     mean[:10] = 0
     scale = scale_of(mean)
@@ -146,7 +146,7 @@ def test_what_cannot_be_is_refused(studio, path, words):
         answer(studio, "", path)
 
 
-def test_the_server_answers_and_says_what_is_wrong(studio, monkeypatch, capsys):
+def test_the_server_answers_and_says_errors(studio, monkeypatch, capsys):
     def fail(*_):
         raise MemoryError
 
@@ -228,7 +228,7 @@ addEventListener("load", async () => {
 
 
 @pytest.mark.slow
-def test_a_hand_on_the_sliders_moves_picture_derivative_and_rays(studio, browser, monkeypatch, tmp_path):
+def test_sliders_move_picture_and_rays(studio, browser, monkeypatch, tmp_path):
     monkeypatch.setattr(studio, "compiled", set())
     page = render_page(studio, "a scene").replace("</body>", f"{HAND}</body>")
     monkeypatch.setattr("raytrace_jax.report.live.render_page", lambda *_: page)

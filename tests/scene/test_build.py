@@ -18,7 +18,7 @@ BALL = build.sphere("ball", material="glass", center=(0, 0, 0), radius=1)
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("model", ["classic", "additive"])
-def test_a_scene_of_all_blocks_is_that_of_the_file(model, dtype):
+def test_a_built_scene_is_that_of_the_file(model, dtype):
     scene = make_scene(
         BALL,  # Before its material, as in a file.
         CAMERA,
@@ -49,7 +49,7 @@ def test_a_scene_of_all_blocks_is_that_of_the_file(model, dtype):
     assert course.camera.pixeldim == (4, 3)
 
 
-def test_every_keyword_has_a_constructor_that_explains_itself():
+def test_every_keyword_has_a_constructor():
     assert set(dir(build)) == {"make_scene", *BLOCK_TYPES}
     for keyword, kinds in BLOCK_TYPES.items():
         constructor = getattr(build, keyword)
@@ -83,7 +83,7 @@ def test_blocks_can_be_used_more_than_once():
         (lambda: [CAMERA, build.sphere("s", material=3, center=(0, 0, 0), radius=1)], ["name of a material", "'3'"]),
     ],
 )
-def test_errors_name_the_block_and_what_is_valid(describe, words):
+def test_errors_name_the_block(describe, words):
     with pytest.raises(SceneError) as caught:
         make_scene(*describe(), dtype=np.float32)
     for word in words:

@@ -71,13 +71,13 @@ sphere ball {
 """
 
 
-def test_the_canonical_form_keeps_comments_in_place():
+def test_the_canonical_form_keeps_comments():
     text = format_scene(parse_scene(COMMENTED), comments=COMMENTED)
     assert text == CANONICAL
     assert format_scene(parse_scene(text), comments=text) == text
 
 
-def test_the_command_keeps_them_with_another_value(tmp_path, capsys):
+def test_a_changed_value_keeps_comments(tmp_path, capsys):
     path = tmp_path / "ball.txt"
     path.write_text("\ufeff" + COMMENTED.replace("\n", "\r\n"), encoding="utf-8", newline="")
     assert run("format", str(path), "-D", "fov.ior=1.7") == 0
@@ -86,7 +86,7 @@ def test_the_command_keeps_them_with_another_value(tmp_path, capsys):
 
 @settings(max_examples=25)
 @given(st.data())
-def test_comments_anywhere_change_nothing_and_none_is_lost(data):
+def test_comments_change_nothing(data):
     words = parse_scene(COMMENTED), CANONICAL.split("\n")
     scene, lines = words
     bare = [line.split("#")[0].split("//")[0].rstrip() for line in lines]
@@ -102,7 +102,7 @@ def test_comments_anywhere_change_nothing_and_none_is_lost(data):
 
 
 @pytest.mark.parametrize("name", ["vitreous.txt", "checkpoints.txt"])
-def test_a_canonical_file_says_the_index_of_glass_and_of_nothing_else(name):
+def test_canonical_glass_states_its_index(name):
     text = (Path(__file__).parents[2] / "data" / name).read_text()
     scene = parse_scene(text, model="additive")
     materials = [block for block in format_scene(scene, model="additive").split("\n\n") if block.startswith("material")]

@@ -38,7 +38,7 @@ def project(points, center, distortion, fov=70):
 
 @pytest.mark.parametrize("distortion", LENSES)
 @pytest.mark.parametrize(("dtype", "bound"), [(jnp.float64, 1e-12), (jnp.float32, 2e-6)])
-def test_rays_hit_the_points_that_opencv_projects_to_their_places(distortion, dtype, bound):
+def test_rays_hit_what_opencv_projects(distortion, dtype, bound):
     center = (20.25, 30.5)
     points = np.random.default_rng(0).uniform([-3, -2, -2], [4, 3, 2], (400, 3))
     column, row = project(points, center, distortion)
@@ -56,7 +56,7 @@ def test_rays_hit_the_points_that_opencv_projects_to_their_places(distortion, dt
     np.testing.assert_allclose(np.asarray(larger.d)[:, is_shown], np.asarray(rays.d)[:, is_shown], atol=bound)
 
 
-def test_the_inverse_is_exact_wherever_there_is_one():
+def test_the_inverse_is_exact():
     """Distortions of every kind, up to 99 % of the radius at which they fold over and far beyond the unit of others."""
     random = np.random.default_rng(2)
     angle, power = random.uniform(0, 2 * np.pi, 4000), random.uniform(-3, 3, 4000)
@@ -73,7 +73,7 @@ def test_the_inverse_is_exact_wherever_there_is_one():
         np.testing.assert_allclose(np.asarray(found, np.float64) * factor, 1, atol=bound)
 
 
-def test_directions_have_derivatives_by_center_and_distortion():
+def test_directions_have_lens_derivatives():
     """At some place and at the principal point itself, with and without distortion, of first and second order."""
     scene = camera((20.25, 30.5))
     names = ["eye.center.x", "eye.center.y", "eye.distortion.k1", "eye.distortion.k2"]
@@ -100,7 +100,7 @@ def test_directions_have_derivatives_by_center_and_distortion():
 
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 @pytest.mark.parametrize("distortion", [FOLDS, (1e30, -1e38), (-1e-30, 0.0), (-2.0, 20 / 9), (1e-40, 0.0)])
-def test_traced_distortions_are_held_where_they_fold_over(distortion, dtype):
+def test_traced_distortion_is_held_at_folds(distortion, dtype):
     eye = camera(dtype=dtype).camera
     u, v = (jnp.asarray(x.ravel(), dtype) for x in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 7)))
 
@@ -114,7 +114,7 @@ def test_traced_distortions_are_held_where_they_fold_over(distortion, dtype):
         assert np.all(np.isfinite(jax.jit(jax.jacfwd(directions))(values)))
 
 
-def test_a_distortion_that_folds_the_picture_over_is_refused():
+def test_a_folding_distortion_is_refused():
     scene = camera()
     corner = np.hypot(32, 24) / 32 * np.tan(np.radians(35))
     fold = np.sqrt(1 / (3 * 0.9))
@@ -135,7 +135,7 @@ def test_a_distortion_that_folds_the_picture_over_is_refused():
         rj.make_scene(rj.build.camera("eye", **eye, distortion=FOLDS))
 
 
-def test_the_default_center_follows_the_picture_and_is_not_written():
+def test_the_default_center_is_not_written():
     text = "camera eye { pixeldim 5 4 viewpoint 0 0 5 lookat 0 0 0 fov 40 }"
     scene = rj.parse_scene(text)
     assert scene.camera.center.tolist() == [2, 1.5] and scene.camera.distortion.tolist() == [0, 0]

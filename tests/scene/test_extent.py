@@ -47,7 +47,7 @@ def test_the_courses_scenes_measure_ten(dtype, factor):
 
 
 @given(st.integers(-30, 30), st.floats(0.33, 3.1), st.sampled_from([jnp.float32, jnp.float64]))
-def test_it_is_the_nearest_power_of_ten_and_nothing_else(exponent, factor, dtype):
+def test_the_length_is_a_power_of_ten(exponent, factor, dtype):
     side = factor * 10.0**exponent
     wanted = np.asarray(f"1e{exponent}", np.float64).astype(dtype)
     assert world_length(image_plane(0.6 * side, 0.8 * side, dtype)) == wanted
@@ -55,7 +55,7 @@ def test_it_is_the_nearest_power_of_ten_and_nothing_else(exponent, factor, dtype
         assert world_length(image_plane(least, least)) == its
 
 
-def test_it_may_be_traced_and_has_no_derivative():
+def test_the_length_has_no_derivative():
     scene = assignment_scene()
     assert jax.jit(world_length)(scene) == 10
     slopes = jax.grad(lambda scene: world_length(scene))(scene)
@@ -72,7 +72,7 @@ def test_it_may_be_traced_and_has_no_derivative():
         (lab_scene, 1e-3, "additive"),
     ],
 )
-def test_scales_and_transforms_of_a_scaled_scene_are_the_scaled_ones(make, factor, model):
+def test_a_scaled_scene_scales_transforms(make, factor, model):
     """Also those of parameters that are 0, and so have no size of their own."""
     scene = make()
     scaled = scaled_scene(scene, factor, model)
@@ -92,7 +92,7 @@ def test_scales_and_transforms_of_a_scaled_scene_are_the_scaled_ones(make, facto
 
 
 @pytest.mark.parametrize("start", [1e-3, 40.0, 179.9])
-def test_an_angle_of_view_stays_between_0_and_180(start):
+def test_an_angle_of_view_stays_below_180(start):
     quantity = resolve(lab_scene(), "eye.fov").attribute.quantity
     transform = Transform(*quantity.range_at(start))
     for dtype in (jnp.float32, jnp.float64):
@@ -109,7 +109,7 @@ def test_an_angle_of_view_stays_between_0_and_180(start):
         ("glass.alpha", "physical", "alpha means nothing to the physical model"),
     ],
 )
-def test_what_cannot_move_alone_or_means_nothing_to_the_model_is_not_free(name, model, words):
+def test_what_cannot_move_alone_is_not_free(name, model, words):
     with pytest.raises(ParameterError, match=f"{name} cannot be free: {words}"):
         make_unknowns(lab_scene(), [name], model=model)
 

@@ -28,7 +28,7 @@ def developed(light=LIGHT, frame=WHOLE, **values):
     return np.asarray(develop(jnp.asarray(light), without_idle(film_with(**values)), frame))
 
 
-def test_the_table_is_the_struct_and_every_effect_is_tried():
+def test_the_table_has_every_film_effect():
     assert {effect.name for effect in FILM_EFFECTS} == set(VALUES)
     fields = [field.name for field in dataclasses.fields(neutral_response(np.dtype(np.float64)))]
     assert fields == ["name", *(effect.name for effect in FILM_EFFECTS)]
@@ -41,7 +41,7 @@ def test_a_neutral_film_does_nothing():
     assert developed() is not None and np.array_equal(developed(), LIGHT)
 
 
-def test_gain_and_offset_are_those_of_each_channel():
+def test_gain_and_offset_are_by_channel():
     gain, offset = np.array([0.9, 1.1, 0.7]), np.array([0.01, -0.02, 0])
     wanted = LIGHT * gain[:, None, None] + offset[:, None, None]
     np.testing.assert_allclose(developed(gain=gain, offset=offset), wanted, atol=1e-15)
@@ -55,7 +55,7 @@ def test_vignetting_is_what_the_corners_lose():
     assert found[500, 0] == pytest.approx(1 - 0.3 * 1501**2 / (1501**2 + 1001**2), abs=1e-3)
 
 
-def test_a_part_of_a_picture_is_the_part_of_the_developed_one():
+def test_a_part_is_developed_as_the_whole():
     """A crop knows where in the whole picture it is."""
     crop = Frame(8, 5, 1, 32, 24)
     found = developed(LIGHT[:, 5:20, 8:30], crop, vignetting=0.3, gain=(1.1, 1, 1))
@@ -69,7 +69,7 @@ def test_the_blur_is_scipys_gaussian():
     np.testing.assert_allclose(found[inside], wanted[inside], atol=1e-4)
 
 
-def test_a_power_of_little_light_is_its_tangent():
+def test_gamma_is_linear_near_zero():
     light = np.tile(np.array([-1.0, 0.0, LEAST_LIGHT / 2, LEAST_LIGHT, 0.5]), (3, 1, 1))
     found = developed(light, Frame(0, 0, 1, 5, 1), gamma=0.45)[0, 0]
     assert np.all(np.diff(found) > 0) and np.isfinite(found).all()
@@ -104,7 +104,7 @@ def test_derivatives_are_finite_differences(name, at):
     np.testing.assert_allclose([forward, reverse], wanted, rtol=1e-5, atol=1e-5)
 
 
-def test_no_derivative_is_nan_without_light_or_blur():
+def test_derivatives_are_finite_when_dark():
     film = without_idle(film_with(), kept=set(VALUES))
     black = jnp.zeros((3, 24, 32))
 
@@ -117,7 +117,7 @@ def test_no_derivative_is_nan_without_light_or_blur():
 
 
 @pytest.mark.slow
-def test_a_scene_is_rendered_with_its_film_inside_and_outside_of_jit():
+def test_a_scene_is_rendered_with_its_film():
     scene = assignment_scene()
     plain = render(scene, SETTINGS).image
     filmed = set_parameters(scene, {"film.blur": 0.9, "film.gain": (0.9, 1, 1.2), "film.vignetting": 0.1})

@@ -29,7 +29,7 @@ def test_a_template_is_written_once(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_scene_is_the_same_from_plain_values(name):
+def test_plain_values_give_the_same_scene(name):
     path = bundled_scenes()[name]
     scene = rj.load_scene(path)
     values = json.loads(json.dumps(scene.to_dict()))
@@ -47,12 +47,12 @@ def test_a_scene_is_the_same_from_plain_values(name):
         ({"blocks": [{"block": "sphere", "name": "a", "raduis": 1}]}, "radius"),
     ],
 )
-def test_plain_values_that_are_no_scene_are_refused(values, words):
+def test_bad_plain_values_are_refused(values, words):
     with pytest.raises(rj.SceneError, match=words):
         rj.Scene.from_dict(values)
 
 
-def test_a_scene_saves_itself_and_answers_by_name(tmp_path, monkeypatch):
+def test_a_scene_saves_and_answers_by_name(tmp_path, monkeypatch):
     scene = assignment_scene()
     monkeypatch.chdir(tmp_path)
     scene.save("bubble")
@@ -87,7 +87,7 @@ def test_a_film_saves_and_shows_itself(tmp_path):
         film.save(tmp_path / "a.jpg")
 
 
-def test_pictures_are_written_from_arrays_and_from_channels(tmp_path):
+def test_pictures_are_written_from_arrays(tmp_path):
     image = np.asarray(rj.render(assignment_scene(), SMALL).image, np.float32)
     rj.write_exr(tmp_path / "a.exr", image)
     np.testing.assert_array_equal(rj.read_picture(tmp_path / "a.exr"), image)
@@ -100,7 +100,7 @@ def test_pictures_are_written_from_arrays_and_from_channels(tmp_path):
         rj.write_exr(tmp_path / "c.exr", image[0])
 
 
-def test_a_result_answers_by_name_and_in_words(tmp_path):
+def test_a_result_answers_by_name(tmp_path):
     result = fake_result()
     name = result.names[0]
     estimate = result[name]
@@ -117,7 +117,7 @@ def test_a_result_answers_by_name_and_in_words(tmp_path):
 
 
 @pytest.mark.parametrize("make", [fake_result, full_result])
-def test_a_saved_result_comes_back_number_for_number(make, tmp_path):
+def test_a_saved_result_comes_back_exactly(make, tmp_path):
     result = make()
     result.save(tmp_path)
     again = rj.FitResult.load(tmp_path)
@@ -153,7 +153,7 @@ def test_what_is_no_saved_result_is_told(damage, tmp_path):
         rj.FitResult.load(tmp_path)
 
 
-def test_a_scene_saved_elsewhere_takes_its_pictures_with_it(tmp_path):
+def test_a_saved_scene_takes_its_pictures(tmp_path):
     scene = rj.load_scene("glass_on_board")
     scene.save(tmp_path / "a" / "scene.txt")
     again = rj.load_scene(tmp_path / "a" / "scene.txt")
@@ -199,7 +199,7 @@ def test_the_bundled_scenes_are_listed(capsys):
     assert "two_balls" in capsys.readouterr().err
 
 
-def test_there_is_one_title_to_cite_and_one_name():
+def test_there_is_one_title_to_cite():
     root = Path(__file__).parents[2]
     readme = " ".join((root / "README.md").read_text(encoding="utf-8").split())
     report = (root / "raytrace_jax/report/fit_report/page.html.jinja").read_text(encoding="utf-8")

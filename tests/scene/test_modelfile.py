@@ -105,7 +105,7 @@ def scene_rows(draw, width):
 )
 @given(data=st.data())
 @settings(max_examples=20, deadline=None)
-def test_formatting_then_parsing_gives_the_same_bits(model, dtype, data):
+def test_formatting_then_parsing_is_exact(model, dtype, data):
     with jax.enable_x64(True):
         rows = data.draw(scene_rows(np.finfo(dtype).bits))
         scene = Scene.from_dict({"model": model, "blocks": rows}, dtype=dtype)
@@ -119,7 +119,7 @@ def test_formatting_then_parsing_gives_the_same_bits(model, dtype, data):
 # Its shortest float32 text, 7.038531e-26, read as float64 and rounded again gives the neighbour.
 @example(0x15AE43FD)
 @settings(max_examples=100, deadline=None)
-def test_a_float32_survives_its_text_read_through_float64(bits):
+def test_a_float32_survives_its_text(bits):
     number = np.float32(np.uint32(bits).view(np.float32))
     assume(np.isfinite(number))
     assert np.float32(float(format_number(number))).tobytes() == number.tobytes()
@@ -139,7 +139,7 @@ def test_numbers_are_written_short(value, text):
     assert format_number(value) == text
 
 
-def test_the_assignments_scene_is_stored_in_canonical_form():
+def test_the_assignment_scene_is_canonical():
     with jax.enable_x64(True):
         path = DATA / "vitreous.txt"
         scene = load_scene(path, dtype=np.float64)
@@ -184,11 +184,11 @@ plane floor { material glass normal 0 1 0 point 0 0 0 }
         SPACED.replace(".5", "5E-1").replace("1 2 -3", "+1 2. -3.0"),
     ],
 )
-def test_any_spacing_and_spelling_of_numbers_reads_the_same(text):
+def test_any_spacing_reads_the_same(text):
     assert_same_scene(parse_scene(text), parse_scene(SPACED))
 
 
-def test_the_course_writers_worldim_is_read_with_a_warning_and_never_written():
+def test_worldim_is_read_with_a_warning():
     with pytest.warns(ModelFileWarning, match=r"^old\.txt:1:27: 'worldim'"):
         scene = parse_scene(CAMERA.replace("worlddim", "worldim"), source="old.txt")
     assert_same_scene(scene, parse_scene(CAMERA))
@@ -201,7 +201,7 @@ WORDS = [*BLOCK_TYPES, *sorted(ATTRIBUTES), *CAMERA.split(), "{", "}", "1", "-2.
 
 @given(st.lists(st.sampled_from(WORDS), max_size=30), st.booleans())
 @settings(max_examples=100, deadline=None)
-def test_any_words_give_a_scene_or_a_model_file_error(words, with_camera):
+def test_any_words_give_a_scene_or_an_error(words, with_camera):
     text = " ".join([CAMERA] * with_camera + words)
     try:
         scene = parse_scene(text)
@@ -219,7 +219,7 @@ def test_any_words_give_a_scene_or_a_model_file_error(words, with_camera):
         ("viewpoint", np.inf),
     ],
 )
-def test_what_would_not_read_back_is_not_written(field, value):
+def test_only_what_reads_back_is_written(field, value):
     scene = parse_scene(CAMERA)
     with jax.debug_nans(False):
         value = value if field == "name" else jnp.full(3, value, scene.camera.viewpoint.dtype)
@@ -228,7 +228,7 @@ def test_what_would_not_read_back_is_not_written(field, value):
         format_scene(dataclasses.replace(scene, camera=camera))
 
 
-def test_defaults_are_not_written_but_a_negative_zero_is():
+def test_only_defaults_are_omitted():
     scene = parse_scene(CAMERA + "material plain { alpha 0 ior 1 } material odd { alpha -0 }")
     text = format_scene(scene)
     assert "material plain {\n}\n" in text

@@ -98,7 +98,7 @@ def test_files_that_are_no_text(tmp_path, content, words):
         assert word in str(caught.value)
 
 
-def test_a_directory_a_missing_and_an_endless_file_are_refused(tmp_path):
+def test_files_that_are_none_are_refused(tmp_path):
     with pytest.raises(ModelFileError, match="directory") as caught:
         load_scene(tmp_path)
     assert str(tmp_path) in str(caught.value)
@@ -136,7 +136,7 @@ def test_ten_megabytes_of_garbage_fail_fast(text):
     assert len(str(caught.value)) < 500
 
 
-def test_a_texture_with_a_name_close_to_that_of_a_file_is_asked_for(tmp_path):
+def test_a_misspelled_texture_is_asked_for(tmp_path):
     (tmp_path / "wood.png").write_bytes(b"")
     text = CAMERA + " texture t { kind image file wod.png transfer srgb }"
     with pytest.raises(ModelFileError, match=r"there is no such file; did you mean wood\.png\?$"):

@@ -37,7 +37,7 @@ SHARED = parse_scene(
         ("rightwall.ambient", [5, 4, 0]),
     ],
 )
-def test_names_reach_values_and_change_only_them(name, value):
+def test_a_name_changes_only_its_value(name, value):
     np.testing.assert_array_equal(get_parameter(VITREOUS, name), np.float32(value))
 
     new = np.float32(value) * np.float32(0.5)
@@ -51,7 +51,7 @@ def test_names_reach_values_and_change_only_them(name, value):
     assert differing == np.count_nonzero(new)
 
 
-def test_the_list_has_canonical_names_in_the_order_of_writing():
+def test_names_are_listed_as_written():
     names = list(list_parameters(VITREOUS))
     assert names[:4] == ["cam1.worlddim", "cam1.viewpoint", "cam1.center", "centerback.location"]
     assert names[-4:] == ["central.center", "central.radius", "vitreous.center", "vitreous.radius"]
@@ -65,7 +65,7 @@ def test_the_list_has_canonical_names_in_the_order_of_writing():
     ]
 
 
-def test_the_list_agrees_with_single_access_and_sets_back():
+def test_the_list_agrees_with_single_access():
     listed = list_parameters(VITREOUS)
     for name, value in listed.items():
         np.testing.assert_array_equal(value, get_parameter(VITREOUS, name))
@@ -75,7 +75,7 @@ def test_the_list_agrees_with_single_access_and_sets_back():
     assert_same_scene(again, VITREOUS)
 
 
-def test_shapes_that_share_a_material_are_told_in_the_files_order():
+def test_sharing_shapes_are_in_file_order():
     assert shared_with(SHARED, "wall.ior") == ("last", "ball")
     assert shared_with(SHARED, "last.ambient.r") == ("wall", "ball")
     assert shared_with(SHARED, "last.center") == ()

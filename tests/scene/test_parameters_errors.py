@@ -32,7 +32,7 @@ BACKDROP = parse_scene(
         ("cyan.ambient.g", "vitreous.ambient"),
     ],
 )
-def test_two_names_for_one_number_are_refused(one, other):
+def test_two_names_of_a_number_are_refused(one, other):
     message = re.escape(f"{one!r} and {other!r} both give the number")
     with pytest.raises(ParameterError, match=message):
         scalar_names(VITREOUS, ["cyan.alpha", one, other])
@@ -86,7 +86,7 @@ def test_unknown_names_say_what_exists(name, words):
         ({"eye.worlddim": (8, 6)}, ["has no worlddim", "viewpoint, lookat, up, fov"]),
     ],
 )
-def test_concrete_values_obey_the_files_limits_also_inside_jit(values, words):
+def test_concrete_values_obey_limits_in_jit(values, words):
     is_course = not any(name.startswith(("eye.", "backdrop.")) for name in values)
     scene, other = (VITREOUS, "topright.location.y") if is_course else (BACKDROP, "backdrop.center.z")
     in_jit = jax.jit(lambda traced: set_parameters(scene, values | {other: traced}))
@@ -97,13 +97,13 @@ def test_concrete_values_obey_the_files_limits_also_inside_jit(values, words):
             assert word in str(caught.value)
 
 
-def test_values_that_only_go_together_are_set_together():
+def test_joint_values_are_set_together():
     turned = set_parameters(BACKDROP, {"backdrop.right": (0, 6, 0), "backdrop.up": (4, 0, 0), "eye.fov": 50})
     assert get_parameter(turned, "backdrop.up").tolist() == [4, 0, 0]
 
 
 @pytest.mark.parametrize("name", ["backdrop.up.x", "eye.viewpoint"])
-def test_traced_values_have_nothing_to_check_yet(name):
+def test_traced_values_are_not_checked(name):
     value = get_parameter(BACKDROP, name)
     changed = jax.jit(lambda x: set_parameters(BACKDROP, {name: x}))(value)
     np.testing.assert_array_equal(get_parameter(changed, name), value)

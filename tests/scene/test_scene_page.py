@@ -31,7 +31,7 @@ def row(attribute):
     return f"| `{attribute.name}` | {values} | {limit} | {attribute.default_words} |"
 
 
-def test_settings_that_are_left_out_are_the_models_own():
+def test_missing_settings_are_the_models_own():
     (kind,) = BLOCK_TYPES["settings"]
     without = {attribute.name: attribute.without for attribute in kind.attributes}
     classic, additive, physical = (MODEL_RULES[model] for model in ("classic", "additive", "physical"))
@@ -49,7 +49,7 @@ def test_settings_that_are_left_out_are_the_models_own():
     }
 
 
-def test_settings_mean_nothing_to_a_model_that_has_no_choice_of_them():
+def test_unused_settings_have_no_choice():
     (kind,) = BLOCK_TYPES["settings"]
     for model, rules in MODEL_RULES.items():
         unused = {attribute.name for attribute in kind.attributes if not attribute.is_used_by(model)}
@@ -80,7 +80,7 @@ def test_there_is_no_other_table():
     assert re.findall(r"^### `(\w+) NAME", PAGE, re.MULTILINE) == list(BLOCK_TYPES)
 
 
-def test_the_example_of_a_file_and_the_one_in_python_are_the_same_scene():
+def test_file_and_python_examples_agree():
     (program,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     names = {}
     exec(program, names)

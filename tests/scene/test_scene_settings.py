@@ -24,7 +24,7 @@ def board():
     return rj.parse_scene(BOARD)
 
 
-def test_settings_that_are_given_in_part_keep_the_files(board):
+def test_unset_settings_come_from_the_file(board):
     seen = np.asarray(rj.render(board, SMALL).image)
     assert seen.shape == (3, 3, 4)
     np.testing.assert_allclose(seen, np.broadcast_to(np.reshape([0.2, 0.5, 0.8], (3, 1, 1)), seen.shape))
@@ -32,7 +32,7 @@ def test_settings_that_are_given_in_part_keep_the_files(board):
     np.testing.assert_array_equal(rj.picture_derivatives(board, ["lit.emission.r"], SMALL).image, seen)
 
 
-def test_every_setting_of_a_file_can_be_left_to_it_and_be_overridden(board):
+def test_every_setting_can_be_overridden(board):
     assert set(FILE_SETTINGS) <= {field.name for field in dataclasses.fields(rj.RenderSettings)}
     assert all(getattr(rj.RenderSettings(), name) is None for name in FILE_SETTINGS)
     assert resolve_settings(board) == ResolvedSettings(model="physical", max_bounces=1, edges="point")
@@ -48,7 +48,7 @@ def test_every_setting_of_a_file_can_be_left_to_it_and_be_overridden(board):
     assert a_row == rj.RenderSettings(size=(32, 24), crop=(0, 1, 2, 3), aov=("depth",))
 
 
-def test_a_scene_is_rendered_as_the_model_as_which_it_was_loaded(tmp_path):
+def test_a_scene_is_rendered_as_its_model(tmp_path):
     path = tmp_path / "plain.txt"
     path.write_text(PLAIN)
     loaded = rj.load_scene(path, model="physical")
@@ -88,7 +88,7 @@ def test_a_scene_is_rendered_as_the_model_as_which_it_was_loaded(tmp_path):
         ),
     ],
 )
-def test_settings_that_cannot_be_are_an_error_to_mend(given, words):
+def test_impossible_settings_are_an_error(given, words):
     with pytest.raises(rj.SettingsError) as caught:
         rj.RenderSettings(**given)
     assert isinstance(caught.value, rj.RaytraceError) and isinstance(caught.value, ValueError)

@@ -54,7 +54,7 @@ def test_a_row_fits_its_struct_and_itself(kind):
     assert set(kind.textures) <= {texture.group for texture in BLOCK_TYPES["texture"]}
 
 
-def test_kinds_of_one_keyword_can_be_told_apart():
+def test_kinds_of_one_keyword_are_told_apart():
     for kinds in BLOCK_TYPES.values():
         assert len({(kind.keyword, kind.is_single, kind.is_shape) for kind in kinds}) == 1
         assert len({kind.group for kind in kinds}) == (1 if kinds[0].is_single else len(kinds))
@@ -68,7 +68,7 @@ def test_kinds_of_one_keyword_can_be_told_apart():
                 assert told or any((a.choices, a.shape) != (b.choices, b.shape) for a, b in shared)
 
 
-def test_an_attributes_name_has_the_same_components_wherever_it_stands():
+def test_attributes_share_their_components():
     """As far as it has as many: tables of batches know attributes by their names and numbers of values."""
     components = {}
     for kind in KINDS:

@@ -25,7 +25,7 @@ def with_radius(scene, radius):
 
 
 @pytest.mark.parametrize("radius", [-1.0, 0.0, np.nan, np.inf])
-def test_a_scene_made_by_hand_is_refused_when_it_is_rendered(radius):
+def test_a_bad_scene_is_refused_by_render(radius):
     scene = with_radius(load_scene(VITREOUS), radius)
     name = scene.spheres.names[1]
     message = rf"^sphere '{name}': radius must be finite and greater than 0, not too small for float64, got {radius}\.$"
@@ -54,7 +54,7 @@ def test_every_number_is_looked_at(where, value, words):
     check_values(scene)
 
 
-def test_what_is_traced_and_weights_beyond_their_range_pass():
+def test_traced_values_and_odd_weights_pass():
     scene = load_scene(VITREOUS)
     check_values(eqx.tree_at(lambda tree: tree.materials.alpha, scene, scene.materials.alpha + 1e-3))
     renderer = make_renderer(scene, SMALL)
@@ -65,7 +65,7 @@ def test_what_is_traced_and_weights_beyond_their_range_pass():
     jax.eval_shape(picture, -scene.spheres.radius)
 
 
-def test_attributes_that_mean_nothing_to_the_model_are_named():
+def test_meaningless_attributes_are_named():
     (sentence,) = scene_warnings(load_scene(VITREOUS), "additive")
     assert sentence == "cyan.alpha means nothing to the additive model; --model classic has it."
     text = CAMERA + " light lamp { location 0 0 0 emissivity 1 1 1 energy 3 } material glass { ior 1.5 transmission 1 }"
@@ -75,7 +75,7 @@ def test_attributes_that_mean_nothing_to_the_model_are_named():
     assert scene_warnings(parse_scene(text, model="additive"), "additive") == []
 
 
-def test_a_scene_without_shapes_and_a_camera_in_its_own_picture_are_told(capsys):
+def test_an_empty_or_flat_view_is_warned_of(capsys):
     scene = CAMERA.replace("4 3 6 }", "4 3 0 }")
     read_picture_scene(SimpleNamespace(scene=scene, assignments=(), render=SMALL))
     assert capsys.readouterr().err.splitlines() == [
@@ -115,13 +115,13 @@ GRAY = np.repeat(COLOURS[:1], 3, axis=0)
         (GRAY, "the target is gray, and the scene has colours"),
     ],
 )
-def test_a_target_that_is_hardly_one_of_such_a_scene_is_told(target, words):
+def test_an_unlikely_target_is_warned_of(target, words):
     with pytest.warns(PictureWarning, match=words):
         observe(target, None, load_scene(VITREOUS), SMALL)
 
 
 @pytest.mark.filterwarnings("error")
-def test_targets_that_may_well_be_meant_are_not():
+def test_a_likely_target_is_not_warned_of():
     scene = load_scene(VITREOUS)
     bright = COLOURS.copy()
     bright[:, 0, 0] = 300.0  # The picture of a lamp.
@@ -155,7 +155,7 @@ def plane(name, material, normal, point="0 0 -3"):
         ([plane("wall", "mirror", "0 0 1", "3 0 5")], 5, None),
     ],
 )
-def test_glass_that_rays_do_not_tell_apart_is_told(shapes, eye, told):
+def test_indistinct_glass_is_warned_of(shapes, eye, told):
     text = f"""camera eye {{ pixeldim 8 6 viewpoint 0 0 {eye} lookat 0 0 -5 }} background sky {{ radiance 1 1 1 }}
     material crown {{ transmission 1 ior 1.5 }} material air {{ transmission 1 ior 1 }}
     material mirror {{ reflectivity 1 }} {ball("ball", "crown", 1)} {" ".join(shapes)}"""

@@ -80,7 +80,7 @@ def test_random_scenes(seed, depth):
     assert_same_picture(random_scene(seed), depth, most_ties=3)
 
 
-def test_what_a_file_leaves_out_has_the_models_own_default():
+def test_omitted_numbers_have_model_defaults():
     text = "camera c { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
     text += " light l { location 0 0 0 emissivity 1 1 1 } material m { }"
     scene, classic = rj.parse_scene(text, model="additive"), rj.parse_scene(text)
@@ -110,7 +110,7 @@ def test_the_switch_of_the_mirror_ray():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
-def test_derivatives_are_finite_and_agree_in_both_modes(edges):
+def test_derivatives_agree_in_both_modes(edges):
     scene = rj.parse_scene(BALL.replace("reflectivity .3", "fresnel 1 transmission .6"), model="additive")
     how = rj.RenderSettings(size=SIZE, model="additive", max_bounces=1, edges=edges)
     renderer = rj.make_renderer(scene, how)
@@ -137,7 +137,7 @@ SMOOTH = (
 
 
 @pytest.mark.slow
-def test_point_derivatives_of_what_moves_no_edge_seen_directly():
+def test_point_derivatives_are_differences():
     scene = rj.set_parameters(checkpoints(), {"lacquer.fresnel": 0.9})  # differences need room on both sides
     found = np.asarray(rj.picture_derivatives(scene, SMOOTH, HOW).values)
     step = 1e-5

@@ -23,7 +23,7 @@ SETTINGS = resolved(size=(24, 18), crop=(1, 0, 22, 18), max_bounces=2, edges="po
 
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("edges", ["point", "aware"])
-def test_a_picture_is_the_same_where_its_rays_find_little_room(edges, monkeypatch):
+def test_little_room_gives_the_same_picture(edges, monkeypatch):
     scene = assignment_scene()
     points, step = picture_pixels(scene, SETTINGS)
     pictures = []
@@ -37,7 +37,7 @@ def test_a_picture_is_the_same_where_its_rays_find_little_room(edges, monkeypatc
         np.testing.assert_allclose(pictures[0], np.asarray(render(scene, SETTINGS).image).reshape(3, -1), atol=1e-12)
 
 
-def test_a_picture_does_not_depend_on_what_was_rendered_before_or_is_beside_it(monkeypatch):
+def test_other_renders_change_nothing(monkeypatch):
     monkeypatch.setattr(run, "NEEDS", {})
     scenes = [set_parameters(assignment_scene(), {"vitreous.radius": radius}) for radius in (1.0, 2.0)]
     first = [np.asarray(render(scene, SETTINGS).image) for scene in scenes]
@@ -49,7 +49,7 @@ def test_a_picture_does_not_depend_on_what_was_rendered_before_or_is_beside_it(m
 
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("edges", "name"), [("point", "point_level"), ("aware", "area_level")])
-def test_a_level_is_traced_once_however_many_loops_and_derivatives_are_around_it(edges, name, monkeypatch):
+def test_a_level_is_traced_once(edges, name, monkeypatch):
     calls, usual = [], getattr(level, name)
 
     def counted(*arguments):
@@ -74,7 +74,7 @@ def test_a_level_is_traced_once_however_many_loops_and_derivatives_are_around_it
 
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("edges", "most"), [("point", 5_000), ("aware", 16_500)])
-def test_the_largest_program_of_a_fit_is_no_larger(edges, most, monkeypatch):
+def test_the_largest_program_does_not_grow(edges, most, monkeypatch):
     """4,600 and 15,200 lines of StableHLO today. Who needs more should see what a first fit takes then."""
     programs = []
 

@@ -20,7 +20,7 @@ def perspective(viewpoint="0 0 5", lookat="0 0 0", up="0 1 0", fov=40, pixeldim=
     return f"camera eye {{ pixeldim {pixeldim} viewpoint {viewpoint} lookat {lookat} up {up} fov {fov} }} "
 
 
-def test_footprints_are_differences_of_neighbouring_rays():
+def test_footprints_are_ray_differences():
     scene = parse_scene(perspective("1 2 6", "0.5 0 0", "0.2 1 0"))
     looks = resolved(mapping="center", edges="aware")
     column, row = jnp.asarray([3.0, 20.0]), jnp.asarray([5.0, 11.0])
@@ -34,7 +34,7 @@ def test_footprints_are_differences_of_neighbouring_rays():
 
 
 @pytest.mark.slow
-def test_the_derivative_of_a_picture_by_the_camera_is_that_of_supersampled_pictures():
+def test_camera_derivatives_are_differences():
     scene = parse_scene(perspective("0.5 0.3 5", "0.1 0 0", fov=35) + WORLD)
     steps = {"eye.fov": 0.5, "eye.lookat.x": 0.02, "eye.viewpoint.y": 0.03, "eye.center.x": 0.2}
     steps["eye.distortion.k1"] = 0.1
@@ -48,7 +48,7 @@ def test_the_derivative_of_a_picture_by_the_camera_is_that_of_supersampled_pictu
 
 @pytest.mark.slow
 @pytest.mark.parametrize("camera", ["worlddim 8 6 viewpoint 4 3 8", "viewpoint 0 0 5 lookat 0 0 0 fov 40"])
-def test_a_picture_that_is_moved_by_part_of_a_pixel_is_one_with_another_center(camera):
+def test_a_subpixel_shift_moves_the_center(camera):
     """It is cut from a picture of eight times as many pixels, at whole ones of these."""
     middle = "4 3 -2" if "worlddim" in camera else "0.2 0.1 -1"
     scene = parse_scene(f"camera eye {{ pixeldim 24 18 {camera} }} " + WORLD.replace("0.2 0.1 -1", middle))
@@ -61,7 +61,7 @@ def test_a_picture_that_is_moved_by_part_of_a_pixel_is_one_with_another_center(c
 
 
 @pytest.mark.parametrize("size", [(24, 18), (12, 9), (6, 9)])
-def test_a_picture_of_another_size_shows_the_same_view(size):
+def test_another_size_shows_the_same_view(size):
     """As the course's camera does; so that a preview has the borders of the picture."""
     camera = parse_scene(perspective()).camera
     looks = resolved(size=size)

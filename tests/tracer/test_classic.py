@@ -45,7 +45,7 @@ BASE = ResolvedSettings(size=SIZE, max_bounces=3, edges="point")
     ],
     ids=lambda switches: " ".join(f"{name}={value}" for name, value in switches.items()),
 )
-def test_every_switch_on_the_scene_of_the_assignment(switches):
+def test_the_assignment_agrees_by_any_switch(switches):
     scene = assignment_scene()
     switched = dataclasses.replace(BASE, **switches)
     picture = assert_same_picture(scene, switched)
@@ -57,7 +57,7 @@ def test_every_switch_on_the_scene_of_the_assignment(switches):
 @settings(max_examples=25)
 @given(seed=SEEDS, schlick=st.booleans(), physical=st.booleans())
 @example(seed=1, schlick=True, physical=False)
-def test_random_scenes_of_glass_mirrors_and_transparent_planes(seed, schlick, physical):
+def test_random_glass_and_mirrors_agree(seed, schlick, physical):
     chosen = dataclasses.replace(
         BASE, reflectance="schlick" if schlick else "none", eta="physical" if physical else "course"
     )
@@ -66,7 +66,7 @@ def test_random_scenes_of_glass_mirrors_and_transparent_planes(seed, schlick, ph
 
 @settings(max_examples=10)
 @given(seed=SEEDS)
-def test_random_scenes_seen_from_inside_of_glass(seed):
+def test_random_scenes_agree_inside_glass(seed):
     assert_same_picture(random_scene(seed, camera_inside=True), BASE)
 
 
@@ -77,6 +77,6 @@ def test_a_path_longer_than_100_is_black():
     assert np.mean(picture[:, 0].max(-1) == 0) > 0.5  # the far left wall
 
 
-def test_a_scene_without_lights_shows_its_ambient_light():
+def test_without_lights_ambient_light_shows():
     picture = assert_same_picture(random_scene(3, lights=0), BASE)
     assert picture.max() > 0

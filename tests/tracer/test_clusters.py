@@ -56,7 +56,7 @@ def rays_in(shapes, seed, count):
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
 @pytest.mark.parametrize("second_root", [True, False])
-def test_with_bounds_the_same_is_found_as_without(dtype, second_root):
+def test_bounds_change_no_hit(dtype, second_root):
     how = resolved(second_root=second_root)
     with_bounds = jax.jit(lambda shapes, rays: find_nearest(shapes, rays, clusters.make_clusters(shapes), settings=how))
     without = jax.jit(lambda *both: find_nearest(*both, settings=how))
@@ -93,7 +93,7 @@ def test_derivatives_pass_by_the_bounds(monkeypatch):
     np.testing.assert_allclose(value, jax.jit(image)(jnp.asarray(1.5)), atol=1e-12)
 
 
-def test_of_shapes_in_one_place_the_first_of_the_file_is_hit():
+def test_the_first_coincident_shape_is_hit():
     balls = "".join(f"sphere s{k} {{ material m center 4 3 -3 radius 1 }} " for k in range(COUNT))
     shapes = scene_shapes(parse_scene(HEAD + balls))
     forward = jnp.broadcast_to(jnp.asarray([[0.0], [0], [-1]]), (3, 70))

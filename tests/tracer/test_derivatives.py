@@ -22,7 +22,7 @@ NAMES = ("vitreous.ior", "vitreous.center.x", "vitreous.center.y", "vitreous.cen
 
 
 @pytest.mark.slow
-def test_they_are_those_of_the_rendered_picture():
+def test_they_are_those_of_the_picture():
     scene = assignment_scene()
     found = rj.picture_derivatives(scene, GIVEN, SETTINGS)
     renderer = rj.make_renderer(scene, SETTINGS)
@@ -78,7 +78,7 @@ def test_what_cannot_be_done_is_refused():
 
 @pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(("count", "checked", "shown"), [(1, False, 2), (4, True, 10), (7, True, 16), (9, False, 10)])
-def test_the_sheet_has_a_panel_for_each_parameter(count, checked, shown, tmp_path):
+def test_the_sheet_has_a_panel_a_parameter(count, checked, shown, tmp_path):
     random = np.random.default_rng(1)
     values = random.normal(size=(count, 3, 18, 24))
     values[0] = 0  # a parameter on which nothing depends
@@ -97,7 +97,7 @@ def test_the_sheet_has_a_panel_for_each_parameter(count, checked, shown, tmp_pat
     figure.savefig(tmp_path / "sheet.png")
 
 
-def test_the_sheet_says_what_its_colours_clip():
+def test_the_sheet_says_what_it_clips():
     values = np.random.default_rng(2).normal(size=(1, 3, 18, 24))
     values[0, :, 7, 5] = 300.0
     found = rj.PictureDerivatives(np.zeros((3, 18, 24)), ("ball.radius",), values, ("world unit",))
@@ -131,7 +131,7 @@ STEPS |= {"ball0.absorption.g": 0.01}
 
 @pytest.mark.slow
 @pytest.mark.optimized
-def test_derivatives_of_glass_before_a_board_are_those_of_supersampled_pictures():
+def test_derivatives_through_glass_agree():
     scene, settings = rj.load_scene(BOARD), rj.RenderSettings(size=(64, 48), max_bounces=8)
     aware = rj.picture_derivatives(scene, list(STEPS), rj.RenderSettings(size=(64, 48), max_bounces=8, edges="aware"))
     for name, values in zip(STEPS, aware.values, strict=True):
@@ -225,7 +225,7 @@ def test_steps_are_halved_while_it_helps(monkeypatch):
     assert found.steps == (0.003,) and found.spreads[0] > 0.3
 
 
-def test_they_are_finite_differences_of_the_picture():
+def test_they_are_finite_differences():
     scene = set_parameters(assignment_scene(), {"vitreous.ior": 1.4})
     settings = RenderSettings(size=(24, 18), max_bounces=2)
     found = derivatives.steady_differences(scene, ["topright.location"], settings, step=1e-3, samples=1)

@@ -31,7 +31,7 @@ def some_world():
     return jax.jit(prepare_world, static_argnums=1)(assignment_scene(), AWARE)
 
 
-def test_the_loop_over_many_shapes_finds_the_two_that_straight_line_code_finds(unroll):
+def test_the_loop_finds_the_two_nearest(unroll):
     world, rays, live = some_world(), some_rays(), jnp.full(50, True)
     found = []
     for most in (12, 0):
@@ -47,7 +47,7 @@ def test_the_loop_over_many_shapes_finds_the_two_that_straight_line_code_finds(u
     assert np.any(np.isfinite(second.t)) and np.all(nearest.t <= second.t)
 
 
-def test_hits_and_directions_move_along_the_footprint_as_the_camera_rays_do():
+def test_hits_move_as_the_camera_rays_do():
     world, rays = some_world(), some_rays()
     live = jnp.full(50, True)
     hits = jax.jit(lambda world, rays: intersect(world.shapes, rays, live, world.unit, AWARE))(world, rays)
@@ -82,7 +82,7 @@ sphere ball1 { material glass1 center 0.7 -0.1 -0.4 radius 0.8 }
 
 
 @pytest.mark.slow
-def test_light_that_goes_to_and_fro_between_two_balls_has_finite_derivatives():
+def test_trapped_light_stays_finite():
     """After some twenty bounces footprints are as wide as 1e200 there, of indices a few in ten thousand apart."""
     scene = parse_scene(TWO_BALLS, dtype=jnp.float64)
     renderer = make_renderer(scene, RenderSettings(size=(240, 180), crop=(220, 83, 3, 3), edges="aware"))
@@ -127,7 +127,7 @@ def test_any_edge_is_near_the_counted_area(middle, along_u, along_v):
 
 
 @given(st.floats(-1, 1), st.floats(0.2, 1))
-def test_an_edge_that_crosses_the_footprint_counts_once(along_u, along_v):
+def test_an_edge_in_a_footprint_counts_once(along_u, along_v):
     middles = np.linspace(-1.5, 1.5, 6001)
     slopes = np.asarray(slope_of_share(jnp.asarray(middles), along_u, along_v))
     assert slopes.sum() * (middles[1] - middles[0]) == pytest.approx(1, abs=2e-2)

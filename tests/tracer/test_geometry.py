@@ -87,7 +87,7 @@ def plane(name, normal, point):
 
 @settings(max_examples=30)
 @given(seed=SEEDS)
-def test_the_nearest_hit_is_that_of_brute_force_and_lies_on_its_shape(seed):
+def test_the_nearest_hit_matches_brute_force(seed):
     scene, rays = random_scene(seed), random_rays(seed)
     hits = shoot(scene, rays)
     reference = NumpyTracer(scene, SETTINGS)
@@ -113,7 +113,7 @@ def test_the_nearest_hit_is_that_of_brute_force_and_lies_on_its_shape(seed):
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
 @settings(max_examples=15)
 @given(seed=SEEDS)
-def test_a_spawned_ray_never_meets_its_own_origin(dtype, seed):
+def test_a_spawned_ray_misses_its_origin(dtype, seed):
     """A child of a sphere meets that sphere again only at the end of its chord, a child of a plane that plane never."""
     scene = random_scene(seed, dtype=dtype)
     rays, live = children_of(scene, random_rays(seed, dtype))
@@ -135,7 +135,7 @@ def test_a_spawned_ray_never_meets_its_own_origin(dtype, seed):
     )
 
 
-def test_a_ray_passes_from_one_touching_sphere_into_the_other():
+def test_a_ray_crosses_touching_spheres():
     scene = scene_of(sphere("first", "0 0 -2", 1), sphere("second", "0 0 -4", 1))
     rays = free_rays([0, 0, -1], [0, 0, -1])
     inside_first = Rays(rays.o, rays.d, rays.path_length, jnp.zeros(1, jnp.int32), jnp.ones(1, bool))
@@ -160,7 +160,7 @@ TOUCHING = sphere("ball", "0 0 -3", 1), plane("wall", "0 0 1", "0 0 -2")
         [f"rectangle {name} {{ material m center 0 0 -2 right 1 0 0 up 0 1 0 }}" for name in "ab"],
     ],
 )
-def test_of_shapes_at_one_distance_the_first_of_the_file_is_hit(both, most, unroll):
+def test_the_first_of_equal_distance_is_hit(both, most, unroll):
     unroll(most)
     shapes = scene_shapes(scene_of(plane("far", "0 0 1", "0 0 -9"), *both))
     t, index, _ = jax.jit(lambda *which: nearest(*which))(shapes, free_rays([0, 0, 0], [0, 0, -1]))
@@ -174,7 +174,7 @@ def test_parallel_planes_are_missed():
 
 
 @pytest.mark.parametrize("length", [1e-200, 1e-150, 1.0, 1e150, 1e300])
-def test_a_plane_may_have_a_normal_of_any_length(length):
+def test_a_plane_normal_has_any_length(length):
     scene = scene_of(plane("p", f"{1 * length!r} {-2 * length!r} {2 * length!r}", "0 0 -2"))
     np.testing.assert_allclose(scene_shapes(scene).normal[:, 0], [1 / 3, -2 / 3, 2 / 3], rtol=1e-15)
 
@@ -194,7 +194,7 @@ straight_line, loop = (jax.jit(lambda *which: nearest(*which)) for _ in range(2)
 
 @settings(max_examples=10)
 @given(seed=SEEDS)
-def test_the_loop_over_many_shapes_finds_what_straight_line_code_finds(seed):
+def test_the_loop_finds_the_unrolled_hits(seed):
     shapes, rays = scene_shapes(random_scene(seed)), random_rays(seed)
     straight = straight_line(shapes, rays)
     with pytest.MonkeyPatch.context() as patch:
@@ -206,7 +206,7 @@ def test_the_loop_over_many_shapes_finds_what_straight_line_code_finds(seed):
     np.testing.assert_allclose(looped[0], straight[0], atol=1e-12)
 
 
-def test_where_nothing_is_hit_normals_and_distances_stay_small():
+def test_a_miss_has_bounded_numbers():
     """The 32nd power of an overlong normal overflows, and reverse mode multiplies that infinity by zero."""
     scene = scene_of(sphere("tiny", "0 0 -5", 0.001), plane("floor", "0 1 0", "0 0 0"))
     # Past both; at the floor, but farther than 100; a hit, but not of a live ray.
@@ -217,7 +217,7 @@ def test_where_nothing_is_hit_normals_and_distances_stay_small():
     assert np.all(np.linalg.norm(hits.n, axis=0) <= 1 + 1e-14)
 
 
-def test_running_count_is_exact_for_a_large_batch():
+def test_the_running_count_of_many_is_exact():
     wanted = np.random.default_rng(0).random(1 << 18) < 0.9
     np.testing.assert_array_equal(jax.jit(running_count)(jnp.asarray(wanted)), np.cumsum(wanted))
 

@@ -107,7 +107,7 @@ def test_pov_ray_shows_the_same(name, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_slab_shifts_what_is_behind_it_by_snell_s_law():
+def test_a_slab_shifts_rays_by_snells_law():
     """Straight through the middle a slab of thickness d shifts a ray by d sin(i - t) / cos(t)."""
     thickness, angle = 0.8 / np.hypot(0.3, 1.0), np.arctan(0.3)
     inner = np.arcsin(np.sin(angle) / 1.5)

@@ -37,7 +37,7 @@ def test_is_what_mitsuba_renders(name):
 BLOCKS = {"sky": 1e-3, "nested": 3e-3, "absorption": 2e-3}
 
 
-def test_a_straight_chord_is_absorbed_by_beer_and_lambert():
+def test_beer_and_lambert_absorb_a_chord():
     """Tinted air: through the centre the chord is a diameter, and within the ball half a chord and half another."""
     tint, r = np.array([0.3, 0.7, 1.1]), 0.8
     outer = Sphere(Material(transmission=1, ior=1, absorption=tuple(tint)), (0, 0, 0), r)
@@ -50,7 +50,7 @@ def test_a_straight_chord_is_absorbed_by_beer_and_lambert():
     np.testing.assert_allclose(look(Scene(EYE, [outer, wall, lamp]), 4, 4), np.exp(-tint * 0.3), rtol=1e-12)
 
 
-def test_the_smaller_of_two_overlapping_balls_decides():
+def test_the_smaller_overlapping_ball_wins():
     """Straight through both along their axis: the smaller one's tint counts where they overlap, in either order."""
     large = Sphere(Material(transmission=1, ior=1, absorption=(1, 0, 0)), (0, 0, 0), 1)
     small = Sphere(Material(transmission=1, ior=1, absorption=(0, 1, 0)), (0, 0, 1), 0.5)
@@ -59,14 +59,14 @@ def test_the_smaller_of_two_overlapping_balls_decides():
         np.testing.assert_allclose(look(Scene(EYE, shapes), 4, 4), np.exp([-1.5, -1, 0]), rtol=1e-12)
 
 
-def test_a_half_space_of_glass_reflects_and_lies_behind_its_normal():
+def test_a_glass_half_space_reflects():
     surface = Plane(glass(1.5, absorption=(0, 0, 2)), (0, 0, 0), (0, 0, 1))
     wall = Rectangle(Material(emission=(1, 1, 1)), (0, 0, -1), (2, 0, 0), (0, 2, 0))
     seen = look(Scene(EYE, [surface, wall]), 4, 4)
     np.testing.assert_allclose(seen, 0.96 * np.exp([0, 0, -2]), rtol=1e-12)
 
 
-def test_indices_of_a_catalogue_glass_lie_on_its_curve():
+def test_catalogue_indices_lie_on_the_curve():
     """Schott's N-BK7 by two numbers; 1.5187 is the catalogue's at the mercury line of 546.07 nm."""
     red, green, blue = channel_iors(Material(ior=1.5168, abbe=64.17))
     assert 1.51432 < red < 1.5168 < 1.5184 < green < 1.51872 < 1.52238 < blue < 1.5245

@@ -57,7 +57,7 @@ def test_random_scenes_are_the_plain_tracers(as_scene, seed, disperse):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["lights", "dispersion", "nested", "absorption", "sky"])
-def test_scenes_that_other_programs_rendered_are_the_plain_tracers(as_scene, name):
+def test_foreign_scenes_match_plain_tracer(as_scene, name):
     description = dataclasses.replace(getattr(pictured_scenes, name)(), least_weight=0)
     assert_same(as_scene(description), description)
 
@@ -79,7 +79,7 @@ def lit(*shapes, **more):
     return Scene(EYE, [board, *shapes], radiance=(0.2, 0.3, 0.4), **more)
 
 
-def test_a_file_that_contradicts_itself_is_refused_and_another_models_settings_are_left_out():
+def test_a_contradictory_file_is_refused():
     said = "settings main { model additive reflectance none least_weight 0.1 }\n"
     text = said + "camera eye { pixeldim 4 3 viewpoint 0 0 5 lookat 0 0 0 fov 40 }"
     scene = rj.parse_scene(text)
@@ -94,7 +94,7 @@ def test_a_file_that_contradicts_itself_is_refused_and_another_models_settings_a
 
 
 @pytest.mark.slow
-def test_a_white_furnace_is_white_but_for_what_is_still_under_way(as_scene):
+def test_a_white_furnace_is_white(as_scene):
     balls = [Sphere(GLASS, (0, 0, 0), 1), Sphere(Material(transmission=1, ior=1.8), (0.2, 0.1, 0.3), 0.4)]
     scene = as_scene(Scene(EYE, balls, radiance=(1, 1, 1), max_bounces=16))
     seen = np.asarray(rj.render(scene).image)
@@ -130,7 +130,7 @@ LAKE = "plane lake { material water normal 0.1 0.2 1 point 0 0 0 }"
         (COPY.replace("water", "air").replace("radius 1", "radius 0.99999999") + BALL, ("crown", "air")),
     ],
 )
-def test_surfaces_that_coincide_are_crossed_together(shapes, same):
+def test_coincident_surfaces_cross_together(shapes, same):
     lake = "" if "ball" in shapes else LAKE
     pictures = [
         rj.render(rj.parse_scene(BEFORE_A_BOARD + lake + some, model="physical")).image
@@ -140,7 +140,7 @@ def test_surfaces_that_coincide_are_crossed_together(shapes, same):
 
 
 @pytest.mark.slow
-def test_a_ball_of_which_there_is_a_copy_has_its_own_derivatives():
+def test_a_copied_ball_has_own_derivatives():
     """An edge between two surfaces that coincide would be anywhere."""
     settings, names = rj.RenderSettings(edges="aware"), ["ball.ior", "ball.center"]
     one, two = (
@@ -178,7 +178,7 @@ NUMBERS |= dict.fromkeys(COLOURS, 1e-4)
 
 
 @pytest.mark.slow
-def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
+def test_derivatives_are_differences(as_scene):
     """In all pixels but those that see an edge within the step; the rim of the ball is among the others."""
     ball = Sphere(Material(transmission=1, ior=1.5, absorption=(0.1, 0.2, 0.3)), (0.1, 0, 0), 1)
     matt = Sphere(Material(diffuse=(0.5, 0.6, 0.7), reflectivity=0.3, transmission=0.2, ior=1.3), (1, -0.8, 1.2), 0.4)
@@ -212,7 +212,7 @@ def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ior", [3.0, 0.6])
-def test_dense_and_thin_glass_has_finite_pictures_and_derivatives(as_scene, ior):
+def test_dense_and_thin_glass_is_finite(as_scene, ior):
     description = lit(Sphere(Material(transmission=1, ior=ior, absorption=(0.1, 0.2, 0.3)), (0, 0, 0), 1))
     camera = dataclasses.replace(EYE, viewpoint=(0, 0, 5), lookat=(0, 0, -1), fov=60)
     scene = as_scene(dataclasses.replace(description, camera=camera, max_bounces=8))

@@ -27,7 +27,7 @@ EMPTY = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
     [{}, pytest.param({"total_internal_reflection": False, "reflectance": "none"}, marks=pytest.mark.slow)],
     ids=lambda switches: " ".join(f"{name}={value}" for name, value in switches.items()),
 )
-def test_the_first_ray_has_the_colour_of_the_rendered_pixel(switches):
+def test_the_first_ray_has_the_pixels_colour(switches):
     settings = dataclasses.replace(SETTINGS, **switches)
     scene = assignment_scene()
     image = np.asarray(render(scene, settings).image)
@@ -94,7 +94,7 @@ def test_rays_follow_from_their_parents():
     assert kinds == {"reflected", "transmitted"}
 
 
-def test_rays_after_the_last_bounce_are_counted():
+def test_rays_cut_by_the_limit_are_counted():
     scene = assignment_scene()
     whole = trace_tree(scene, (20, 15), SETTINGS)
     for bounces in range(3):
@@ -109,7 +109,7 @@ def test_an_empty_scene_is_one_black_ray():
 
 
 @pytest.mark.slow
-def test_many_rays_are_found_room_for_and_too_many_are_refused():
+def test_rays_get_room_or_are_refused():
     half = "specular 0.5 0.5 0.5 ambient 1 1 1 alpha 0.5 ior 1.5"
     walls = "".join(
         f"plane p{i} {{ material glass normal 0 0 1 point 0 0 {-i - 1} }} " for i in range(6)
@@ -135,12 +135,12 @@ def test_many_rays_are_found_room_for_and_too_many_are_refused():
         ((0, 0), {"crop": (30, 0, 20, 20)}, "crop"),
     ],
 )
-def test_what_is_not_one_ray_of_the_picture_is_refused(pixel, switches, words):
+def test_what_is_not_one_ray_is_refused(pixel, switches, words):
     with pytest.raises(ValueError, match=words):
         trace_tree(assignment_scene(), pixel, dataclasses.replace(SETTINGS, **switches))
 
 
-def test_the_names_in_the_drawing_stay_within_its_frame():
+def test_drawn_names_stay_within_the_frame():
     scene = assignment_scene()
     for pixel in ((20, 15), (34, 9), (5, 25)):
         figure = draw_tree(trace_tree(scene, pixel, SETTINGS), scene)
@@ -198,7 +198,7 @@ def test_rays_draws_names_of_any_kind(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_rays_through_glass_have_a_medium_and_what_it_absorbs(tmp_path, capsys):
+def test_rays_in_glass_have_their_medium(tmp_path, capsys):
     assert run("rays", "bubble", "--pixel", "360", "220", "-o", str(tmp_path / "a.png"), "--json") == 0
     captured = capsys.readouterr()
     rays = json.loads(captured.out)["rays"]

@@ -26,7 +26,7 @@ SHADOW = LAMP + (
 
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_a_rectangle_is_hit_where_its_plane_is_within_its_sides(seed):
+def test_a_rectangle_is_hit_within_its_sides(seed):
     random = np.random.default_rng(seed)
     axes = np.linalg.qr(random.normal(size=(3, 3)))[0][:2] * random.uniform(0.5, 3, (2, 1))
     center = random.uniform([0, 0, -6], [8, 6, 3])  # Also before the image plane, which planes have to lie behind.
@@ -44,7 +44,7 @@ def test_a_rectangle_is_hit_where_its_plane_is_within_its_sides(seed):
 
 
 @pytest.mark.slow
-def test_an_edge_aware_picture_is_the_mean_over_each_pixel():
+def test_an_aware_picture_is_the_pixel_mean():
     scene = parse_scene(BOARD)
     aware = np.asarray(render(scene, RenderSettings(edges="aware", max_bounces=0)).image)
     fine = np.asarray(render(scene, RenderSettings(samples=24, max_bounces=0)).image)
@@ -58,7 +58,7 @@ NAMES = ("board.center", "board.right.x", "board.up.y")
 
 
 @pytest.mark.slow
-def test_the_derivative_of_its_borders_is_that_of_supersampled_pictures():
+def test_borders_match_supersampling():
     found = picture_derivatives(parse_scene(BOARD), NAMES, AWARE)
     differences = finite_differences(parse_scene(BOARD), NAMES, AWARE, step=0.03, samples=32)
     for k, name in enumerate(found.names):

@@ -28,7 +28,7 @@ def inside(image):
 @pytest.mark.parametrize(
     ("name", "reflectance", "changes"), [("course_alpha", "none", {}), ("course_schlick_moved", "schlick", MOVED)]
 )
-def test_the_picture_is_that_of_another_program(name, reflectance, changes, dtype, threshold, most, tmp_path):
+def test_it_is_another_programs_picture(name, reflectance, changes, dtype, threshold, most, tmp_path):
     scene = set_parameters(assignment_scene(dtype), changes)
     film = render(scene, resolved(reflectance=reflectance))
     assert film.image.dtype == dtype and not film.overflow
@@ -45,7 +45,7 @@ def picture(scene, settings=SMALL):
     return rows_last(render(scene, settings).image)
 
 
-def test_a_crop_is_that_window_of_the_whole_picture():
+def test_a_crop_is_a_window_of_the_picture():
     whole = picture(assignment_scene())
     x, y, width, height = 11, 5, 30, 17
     window = picture(assignment_scene(), dataclasses.replace(SMALL, crop=(x, y, width, height)))
@@ -54,7 +54,7 @@ def test_a_crop_is_that_window_of_the_whole_picture():
 
 
 @pytest.mark.slow
-def test_center_looks_at_the_middle_of_the_pixels_of_corner():
+def test_center_looks_at_pixel_middles():
     """`center` at w x h is `corner` at (2 w + 1) x (2 h + 1), every second pixel."""
     scene = assignment_scene()
     corner = picture(scene, dataclasses.replace(SMALL, size=(2 * SIZE[0] + 1, 2 * SIZE[1] + 1)))
@@ -101,7 +101,7 @@ def test_under_jit_a_renderer_is_needed():
         jax.jit(lambda scene: render(scene, SMALL).image)(assignment_scene())
 
 
-def test_nothing_is_compiled_when_a_parameter_moves_or_the_size_is_another():
+def test_moved_parameters_compile_nothing():
     scene = assignment_scene()
     moved = set_parameters(scene, MOVED | {"topright.location": [5.5, 4.2, 0.9], "cam1.viewpoint": [4.1, 3, 6]})
     with counted_compiles(thread=threading.current_thread()) as compiles:

@@ -41,7 +41,7 @@ def test_a_scene_of_another_model_is_refused(renderer):
 
 
 @pytest.mark.slow
-def test_it_works_under_jit_grad_jvp_and_vmap(renderer):
+def test_it_works_under_transformations(renderer):
     scene = assignment_scene()
 
     def brightness(ior):
@@ -58,7 +58,7 @@ def test_it_works_under_jit_grad_jvp_and_vmap(renderer):
 
 
 @pytest.mark.slow
-def test_a_gradient_without_jit_around_it_is_a_few_programs_and_the_next_one_none(renderer):
+def test_an_unjitted_gradient_compiles_once(renderer):
     scene = assignment_scene()
     gradient = jax.grad(lambda ior: renderer(moved(scene, ior)).image.mean())
     with counted_compiles() as compiles:
@@ -83,7 +83,7 @@ def test_it_grows_where_rays_lack_room():
     np.testing.assert_allclose(tight(scene).image, render(scene, settings).image, atol=1e-12)
 
 
-def test_it_is_made_outside_of_transformations():
+def test_it_is_made_outside_transformations():
     with pytest.raises(ValueError, match="outside of JAX's transformations"):
         jax.jit(lambda scene: make_renderer(scene, SETTINGS)(scene).image)(assignment_scene())
     with pytest.raises(ValueError, match=r"crop \(10, 10, 10, 10\).*16 x 12"):
@@ -103,7 +103,7 @@ def at(scene, values):
 
 
 @pytest.mark.slow
-def test_forward_and_reverse_mode_contain_the_motion_of_edges_and_the_picture_is_that_of_points():
+def test_both_modes_contain_moving_edges():
     scene = rj.parse_scene(DISC)
     renderer, start = rj.make_renderer(scene, FLAT), jnp.asarray([2.0, 4.0])
 
@@ -145,7 +145,7 @@ def test_aovs_are_differentiated_as_points():
 
 
 @pytest.mark.slow
-def test_the_derivative_that_the_readme_shows_is_right():
+def test_the_readmes_derivative_is_right():
     scene = rj.load_scene("vitreous")
     settings = rj.RenderSettings(size=(160, 120))
     renderer = rj.make_renderer(scene, settings)

@@ -66,7 +66,7 @@ def check_derivative(function, x, *directions, step=1e-6, tolerance=1e-5):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_at_its_centre_each_texel_is_itself_and_row_0_is_the_top(kind):
+def test_texels_are_exact_with_row_0_on_top(kind):
     picture = jnp.asarray(RANDOM.random((3, 4, 5)))
     row, column = (jnp.asarray(x.ravel()) for x in np.mgrid[0.0:4, 0:5])
     u, v = (column + 0.5) / 5, 1 - (row + 0.5) / 4
@@ -91,7 +91,7 @@ def test_what_lies_beyond_a_picture():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_shift_by_texels_of_a_repeated_picture_is_a_roll(kind):
+def test_a_shift_by_texels_is_a_roll(kind):
     picture = jnp.asarray(RANDOM.random((3, 6, 8)))
     u, v = jnp.asarray(RANDOM.random((2, 40)))
     rolled = at_points(make_pyramid(jnp.roll(picture, (2, 3), (1, 2))), u, v, kind=kind, wrap="repeat")
@@ -120,7 +120,7 @@ def test_levels_have_one_mean_and_one_centre(size):
 
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_footprint_goes_from_its_point_to_the_mean_of_all(kind):
+def test_a_footprint_blurs_to_the_mean(kind):
     picture = jnp.asarray(RANDOM.random((3, 9, 14)))
     pyramid = make_pyramid(picture)
     place, axes = footprints(30, 1.0, 0.6, 1.2)
@@ -133,7 +133,7 @@ def test_a_footprint_goes_from_its_point_to_the_mean_of_all(kind):
 @pytest.mark.slow
 @pytest.mark.parametrize(("ratio", "angle"), [(1, np.pi / 2), (1 / 8, np.pi / 2), (0.7, np.pi / 6)])
 @pytest.mark.parametrize("texels", [0.3, 3, 12])
-def test_means_of_a_picture_and_their_derivative_are_nearly_those_of_brute_force(texels, ratio, angle):
+def test_picture_means_are_near_brute_force(texels, ratio, angle):
     picture = smooth_picture(90, 75)
     pyramid = make_pyramid(picture)
     place, axes = footprints(60, texels / 75, ratio, angle)
@@ -154,7 +154,7 @@ def test_means_of_a_picture_and_their_derivative_are_nearly_those_of_brute_force
     ("kind", "wrap"),
     [("bilinear", "clamp"), *(pytest.param(*both, marks=pytest.mark.slow) for both in itertools.product(KINDS, WRAPS))],
 )
-def test_derivatives_of_pictures_by_coordinates_and_texels(kind, wrap):
+def test_coordinate_and_texel_derivatives(kind, wrap):
     picture = jnp.asarray(RANDOM.random((3, 6, 5)))
     place = jnp.asarray(RANDOM.uniform(-0.4, 1.4, (2, 25)))
     _, axes = footprints(25, 0.4, 0.5, 1.3)
@@ -177,7 +177,7 @@ def test_derivatives_of_pictures_by_coordinates_and_texels(kind, wrap):
 # The checker.
 
 
-def test_the_first_colour_is_in_the_square_of_the_offset():
+def test_the_first_colour_is_at_the_offset():
     position = jnp.asarray([[0.2, 1.0, -0.7, -0.7], [0.1, 0.1, 0.1, -0.7]])
     found = checker_points(position, jnp.asarray(0.8), jnp.asarray([[0.13], [0.07]]))
     np.testing.assert_array_equal(found, [1, 0, 1, 0])
@@ -187,7 +187,7 @@ def test_the_first_colour_is_in_the_square_of_the_offset():
     ("ratio", "angle"), [(1, np.pi / 2), (1 / 3, np.pi / 2), (1 / 8, np.pi / 2), (0.7, np.pi / 6), (1, np.pi / 3)]
 )
 @pytest.mark.parametrize("size", [0.2, 1, 2])
-def test_shares_of_a_checker_are_nearly_those_of_brute_force(size, ratio, angle):
+def test_checker_shares_are_near_brute_force(size, ratio, angle):
     square, offset = jnp.asarray(0.5), jnp.asarray([[0.5], [0.0]])
     place, axes = footprints(120, size * 0.5, ratio, angle)  # Around a corner.
     wanted = brute_force(lambda p: checker_points(p, square, offset)[None], place, axes, n=100)[0]
@@ -195,7 +195,7 @@ def test_shares_of_a_checker_are_nearly_those_of_brute_force(size, ratio, angle)
     assert error.max() < 0.025 and np.sqrt(np.mean(error**2)) < 0.006
 
 
-def test_shares_of_a_checker_along_the_axes_are_exact_and_go_from_a_point_to_a_half():
+def test_checker_shares_along_axes_are_exact():
     place = jnp.asarray(RANDOM.uniform(-2, 2, (2, 60)))
     square, offset = jnp.asarray(1.0), jnp.zeros((2, 1))
     # Up to a square wide the mean is a product of ramps.
@@ -217,7 +217,7 @@ def test_shares_of_a_checker_along_the_axes_are_exact_and_go_from_a_point_to_a_h
 
 
 @pytest.mark.slow
-def test_derivatives_of_a_checker_by_position_square_offset_and_footprint():
+def test_checker_derivatives_are_differences():
     place, axes = footprints(40, 0.4, 0.4, 1.1)
     numbers = jnp.asarray([0.31, 0.13, 0.07])
     lengths = np.cumsum([3, place.size])
@@ -237,7 +237,7 @@ def test_derivatives_of_a_checker_by_position_square_offset_and_footprint():
 # The environment.
 
 
-def test_an_environment_has_its_middle_along_minus_z_and_its_first_row_up():
+def test_an_environment_centres_on_minus_z():
     pyramid = make_pyramid(jnp.asarray(RANDOM.random((3, 6, 12))))
     texels = pyramid.texels[:, :72].reshape(3, 6, 12)
     column, row = RANDOM.uniform(0, 11, 50), RANDOM.uniform(0, 5, 50)
@@ -265,7 +265,7 @@ def on_sphere(d):
 
 
 @pytest.mark.slow
-def test_means_of_an_environment_are_those_of_the_sphere_also_at_the_poles():
+def test_environment_means_match_the_sphere():
     pyramid = make_pyramid(environment_picture())
     d = RANDOM.normal(size=(3, 80))
     d[:, :20] = [[0.0], [1.0], [0.0]] + 0.02 * RANDOM.normal(size=(3, 20))
@@ -281,7 +281,7 @@ def test_means_of_an_environment_are_those_of_the_sphere_also_at_the_poles():
 
 
 @pytest.mark.slow
-def test_derivatives_of_an_environment_are_right_and_finite_at_the_poles():
+def test_environment_poles_have_derivatives():
     picture = environment_picture(9)
     d = RANDOM.normal(size=(3, 30))
     d = jnp.asarray(d / np.linalg.norm(d, axis=0))

@@ -46,7 +46,7 @@ def test_a_cut_pixel_against_counting(d, angle):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("reflectance", ["none", "schlick"])
-def test_one_aware_sample_is_nearer_to_many_than_one_point(reflectance):
+def test_one_aware_sample_beats_one_point(reflectance):
     scene, how = assignment_scene(), {"size": SIZE, "reflectance": reflectance}
     many = np.asarray(render(scene, RenderSettings(**how, samples=12)).image)[INSIDE]
     pictures = (render(scene, RenderSettings(**how, edges=edges)).image for edges in ("point", "aware"))
@@ -74,7 +74,7 @@ def test_derivative_pictures_see_edges(name, reflectance, worst):
 
 
 @pytest.mark.slow
-def test_total_reflection_without_a_fresnel_weight_begins_at_an_edge():
+def test_total_reflection_begins_at_an_edge():
     # From inside of a large ball: the critical angle is a circle on the picture, which shrinks as the index grows.
     inside = {"vitreous.ior": 2.2, "vitreous.center": (4.0, 3.0, 3.0), "vitreous.radius": 3.5}
     scene = set_parameters(assignment_scene(), inside)
@@ -85,7 +85,7 @@ def test_total_reflection_without_a_fresnel_weight_begins_at_an_edge():
 
 
 @pytest.mark.slow
-def test_no_pixel_stands_out_where_glass_begins_to_reflect_totally():
+def test_no_pixel_spikes_at_critical_angle():
     # A ray of this pixel leaves the ball within 0.001 of the critical angle, after four bounces: there the derivative
     # of what one ray transmits has no limit, that of what its footprint transmits has.
     how = dataclasses.replace(AWARE, size=(96, 72), crop=(94, 52, 1, 1))
@@ -95,7 +95,7 @@ def test_no_pixel_stands_out_where_glass_begins_to_reflect_totally():
 
 
 @pytest.mark.slow
-def test_a_ball_scaled_as_seen_from_the_eye_keeps_its_outline():
+def test_scaling_from_the_eye_keeps_the_rim():
     """Only its ambient light, which falls off with the distance, changes: the derivative there has no rim."""
     scene = parse_scene(BALL)
     names = ("ball.center.x", "ball.center.z", "ball.radius")
@@ -118,7 +118,7 @@ SMALL = in_both_modes(resolved(size=(16, 12), edges="aware"), Capacity(32768, 19
 @pytest.mark.slow
 @settings(max_examples=30)
 @given(st.integers(0, 2**31), st.sampled_from(AWKWARD))
-def test_awkward_scenes_have_finite_derivatives_that_agree_in_both_modes(seed, what):
+def test_awkward_scenes_agree_in_both_modes(seed, what):
     assert faults_of(SMALL, awkward_scene(seed, what, (16, 12)), seed) == []
 
 
@@ -127,7 +127,7 @@ NAMES = ("vitreous.ior", "vitreous.center", "vitreous.radius", "central.center",
 NAMES += ("cam1.viewpoint", "red.diffuse", "cyan.alpha", "rightwall.normal")
 
 
-def test_derivatives_equal_central_differences_where_the_picture_is_smooth():
+def test_smooth_derivatives_are_differences():
     scene = assignment_scene()
     found = picture_derivatives(scene, NAMES, SETTINGS)
     small, large = (finite_differences(scene, NAMES, SETTINGS, step, 1) for step in (1e-6, 2e-6))
@@ -149,5 +149,5 @@ SHORT = in_both_modes(resolved(size=(48, 36), max_bounces=2, edges="point"), Cap
 @pytest.mark.slow
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_random_scenes_have_finite_derivatives_that_agree(seed):
+def test_random_scenes_agree_in_both_modes(seed):
     assert faults_of(SHORT, random_scene(seed), seed, tolerance=1e-10) == []

@@ -26,7 +26,7 @@ def scaled(x, table, power):
     return {"sum": sum(table.values()) * x**power, "power": None}
 
 
-def test_another_number_is_the_same_program_another_kind_is_not():
+def test_only_another_kind_is_recompiled():
     function = jit(scaled, static_argnames="power")
     table = {"one": jnp.asarray(2.0), "two": np.asarray(3.0)}
     with counted_compiles() as compiles:
@@ -60,7 +60,7 @@ def test_of_two_threads_one_compiles():
     assert len(traced) == 1
 
 
-def test_a_program_that_failed_is_tried_again():
+def test_a_failed_program_is_tried_again():
     fails = [True]
 
     def fragile(x):
@@ -74,7 +74,7 @@ def test_a_program_that_failed_is_tried_again():
     assert float(function(one)) == 2
 
 
-def test_what_is_compiled_ahead_has_its_users_precision_and_what_is_not_begun_at_the_end_is_dropped():
+def test_compiling_ahead_has_user_precision():
     seen, begun, go_on = [], threading.Event(), threading.Event()
 
     def first():
@@ -113,7 +113,7 @@ def anew():
     return values_and_slopes(Y, Unknowns(("a.radius",), (Transform(0.0),)))
 
 
-def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
+def test_a_broken_program_file_is_made_anew(kept):
     first = anew()
     (path,) = files(kept)
     assert path.name.startswith("values_and_slopes-")
@@ -127,7 +127,7 @@ def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
         assert path.stat().st_size > 1000
 
 
-def test_of_too_much_those_go_that_were_not_used_for_longest(kept, monkeypatch):
+def test_least_recent_programs_are_deleted(kept, monkeypatch):
     old = kept / "programs" / "of-another-version" / "linearize-0"
     old.parent.mkdir(parents=True)
     for most, left in ((0, 0), (1_000_000, 2)):
@@ -137,7 +137,7 @@ def test_of_too_much_those_go_that_were_not_used_for_longest(kept, monkeypatch):
         assert len(files(kept)) == left
 
 
-def test_a_function_within_a_function_is_not_kept(kept):
+def test_a_closure_is_not_kept(kept):
     offset = 2.0
 
     def closure(x):
@@ -161,7 +161,7 @@ print(code, sorted(heavy & set(traces)))
 
 
 @pytest.mark.slow
-def test_a_second_process_traces_none_of_the_programs_of_a_fit(tmp_path):
+def test_a_second_process_traces_no_programs(tmp_path):
     """Its programs run in a process that never lowered any, LAPACK's QR among them, and say the same."""
     common = ["--size", "24", "18", "--max-bounces", "1", "--quiet"]
     scene, target = str(tmp_path / "scene.txt"), str(tmp_path / "target.exr")

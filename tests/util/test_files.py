@@ -28,7 +28,7 @@ def test_writes_replaces_and_makes_folders(tmp_path):
 
 
 @pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt, SystemExit])
-def test_crash_leaves_the_old_file_and_nothing_else(tmp_path, failure):
+def test_a_crash_leaves_only_the_old_file(tmp_path, failure):
     path = tmp_path / "picture.exr"
     path.write_text("old")
     with pytest.raises(failure), atomic_write(path) as temporary:
@@ -38,7 +38,7 @@ def test_crash_leaves_the_old_file_and_nothing_else(tmp_path, failure):
     assert names(tmp_path) == ["picture.exr"]
 
 
-def test_a_link_stays_one_and_a_file_has_the_rights_of_an_ordinary_one(tmp_path):
+def test_links_and_rights_stay(tmp_path):
     ordinary, real, link = (tmp_path / name for name in ("ordinary", "real", "link"))
     ordinary.write_text("old")
     link.symlink_to("real")
@@ -66,7 +66,7 @@ def test_system_errors_become_sentences(tmp_path, number, words):
     assert names(tmp_path) == []
 
 
-def test_refuses_what_is_not_an_ordinary_file(tmp_path):
+def test_refuses_what_is_no_ordinary_file(tmp_path):
     (tmp_path / "file").write_text("")
     os.mkfifo(tmp_path / "pipe")
     table = {
@@ -100,7 +100,7 @@ def test_unreadable_files_are_explained(tmp_path):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are Unicode")
 @pytest.mark.parametrize(("write", "name"), [(write_exr, b"\xff.exr"), (write_png, b"\xff.png")])
-def test_the_name_of_a_picture_need_not_be_utf8(write, name, tmp_path):
+def test_a_picture_name_need_not_be_utf8(write, name, tmp_path):
     path = tmp_path / os.fsdecode(b"folder\xfe") / os.fsdecode(name)
     write(path, np.ones((3, 2, 4)))
     np.testing.assert_array_equal(read_picture(path), np.ones((3, 2, 4)))

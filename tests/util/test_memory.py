@@ -27,7 +27,7 @@ def free(monkeypatch):
 NEEDS = "a picture of 32768 x 32768 pixels{} needs about {} of memory, and 10 GB are free: render it in parts"
 
 
-def test_a_picture_that_does_not_fit_is_refused_with_what_it_needs(free):
+def test_a_too_large_picture_is_refused(free):
     scene = load_scene(VITREOUS)
     for use in (render, make_renderer):
         with pytest.raises(PictureError, match=NEEDS.format("", "96.6 GB")):
@@ -42,7 +42,7 @@ def test_a_picture_that_does_not_fit_is_refused_with_what_it_needs(free):
 @pytest.mark.parametrize(
     "command", [["render"], ["grad", "--wrt", "vitreous.ior"], ["fit", str(VITREOUS), "--free", "vitreous.ior"]]
 )
-def test_the_command_line_names_the_crop_before_it_reads_a_target(command, free, capsys, tmp_path):
+def test_the_command_names_the_crop_first(command, free, capsys, tmp_path):
     name, *more = command
     output = tmp_path / ("fit" if name == "fit" else "a.exr")
     assert run(name, str(VITREOUS), *more, "-o", str(output), "--size", "32768", "32768", "--quiet") == 1
@@ -64,7 +64,7 @@ def test_what_fits_is_not_refused(free):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limits are Linux's")
-def test_what_is_free_is_bounded_by_the_process_and_by_its_container(monkeypatch, tmp_path):
+def test_free_memory_obeys_the_container(monkeypatch, tmp_path):
     monkeypatch.setattr(session, "CGROUP", tmp_path)
     machine = session.free_memory()
     assert 1e6 < machine < 1e15

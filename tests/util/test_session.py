@@ -32,7 +32,7 @@ def unset():
         ("win32", "LOCALAPPDATA", "elsewhere/raytrace-jax"),
     ],
 )
-def test_the_folder_is_where_the_platform_keeps_such_things(platform, variable, folder, monkeypatch, tmp_path):
+def test_the_cache_folder_is_the_platforms(platform, variable, folder, monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "platform", platform)
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
         monkeypatch.delenv(name, raising=False)
@@ -43,7 +43,7 @@ def test_the_folder_is_where_the_platform_keeps_such_things(platform, variable, 
 
 
 @pytest.mark.usefixtures("unset")
-def test_a_folder_that_can_be_written_is_used_and_kept_another_one_told(monkeypatch, tmp_path):
+def test_a_writable_cache_folder_is_used(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     (tmp_path / "file").write_text("")
     with pytest.warns(UserWarning, match="compiled programs cannot be kept here"):
@@ -56,7 +56,7 @@ def test_a_folder_that_can_be_written_is_used_and_kept_another_one_told(monkeypa
 
 
 @pytest.mark.parametrize(("precision", "dtype"), [(32, jnp.float32), (64, jnp.float64)])
-def test_a_session_has_the_bits_that_are_asked_for_and_leaves_them_behind(precision, dtype):
+def test_a_session_sets_and_resets_precision(precision, dtype):
     before, devices = jax.config.jax_compilation_cache_dir, jax.device_count()
     with session.jax_session(precision, devices=devices + 1):
         assert jnp.asarray(0.5).dtype == dtype
