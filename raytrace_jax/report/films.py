@@ -12,6 +12,7 @@ from raytrace_jax.tracer.derivatives import Differences, PictureDerivatives
 from raytrace_jax.tracer.rendering import Film
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.files import strict
 
 
 def write_film(
@@ -73,6 +74,6 @@ def how_made(scene: Scene | str, settings: ResolvedSettings) -> dict[str, object
     """The metadata of a picture's file: all that it takes to make it again; a scene may be its file's text."""
     return {
         "scene": scene if isinstance(scene, str) else format_scene(scene, model=settings.model),
-        "settings": dataclasses.asdict(settings.of_points),
+        "settings": strict(dataclasses.asdict(settings.of_points)),
         "version": __version__,
     }

@@ -4,9 +4,19 @@ import numpy as np
 import OpenEXR
 import pytest
 from image_files import HEADER_END
-from scenes import assignment_scene
+from scenes import DATA, assignment_scene
 
-from raytrace_jax import FitOptions, PictureWarning, RenderSettings, build, make_scene, render, write_film, write_png
+from raytrace_jax import (
+    FitOptions,
+    PictureWarning,
+    RenderSettings,
+    build,
+    load_scene,
+    make_scene,
+    render,
+    write_film,
+    write_png,
+)
 from raytrace_jax.images.pictures import read_origin
 from raytrace_jax.images.png import png_chunk
 from raytrace_jax.inverse.problem.fixed import with_known_offsets
@@ -75,6 +85,16 @@ def test_own_files_say_how_they_were_sampled(how, wanted, suffix, tmp_path):
     assert FitOptions().as_made(said) == FitOptions(**wanted)
     for told in (FitOptions(target_sampling="box"), FitOptions(target_samples=4), FitOptions(edges="point")):
         assert told.as_made(said) == told, "what the user says goes first"
+
+
+@pytest.mark.parametrize("name", ["vitreous", "pov_ball"])
+def test_files_of_all_models_say_how(name, tmp_path):
+    """Paths of a physical scene have no end, and JSON no infinity."""
+    scene = load_scene(DATA / f"{name}.txt")
+    write_png(tmp_path / "a.png", LIGHT, metadata=how_made(scene, resolve_settings(scene, RenderSettings(size=(8, 6)))))
+    said = read_origin(tmp_path / "a.png").how_made
+    assert said["settings"]["path_limit"] == (100 if name == "vitreous" else None)
+    assert FitOptions().as_made(said) == FitOptions(target_samples=1)
 
 
 @pytest.mark.parametrize("said", [{}, {"settings": 3}, {"settings": {"edges": "aware", "samples": 2, "binning": 1}}])

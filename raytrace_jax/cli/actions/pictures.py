@@ -2,6 +2,7 @@
 
 import itertools
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -48,17 +49,10 @@ def run_grad(command: Grad) -> int:
         if command.check:
             # First of all, because it refuses steps that a parameter cannot take.
             with Timer("finite differences", console) as timer:
-                number = itertools.count(1)
-                differences = steady_differences(
-                    scene,
-                    wrt,
-                    settings,
-                    command.check_step,
-                    command.check_samples,
-                    lambda name: timer.took(f"finite difference {next(number)} by {name}"),
-                )
-        with Timer("derivatives", console):
-            found = picture_derivatives(scene, wrt, settings)
+                done = _counter(timer, "finite difference")
+                differences = steady_differences(scene, wrt, settings, command.check_step, command.check_samples, done)
+        with Timer("derivatives", console) as timer:
+            found = picture_derivatives(scene, wrt, settings, _counter(timer, "derivative"))
         image, values = np.asarray(found.image), np.asarray(found.values)
         bad = masks.bad_pixels(image, values)
         if bad.any():
@@ -104,6 +98,11 @@ def check_numbers(
         | {"sum of derivative": float(derivative), "sum of difference": float(difference), "step": float(step)}
         for check, derivative, difference, step in zip(checks, *sums, differences.steps, strict=True)
     ]
+
+
+def _counter(timer: Timer, what: str) -> Callable[[str], None]:
+    numbers = itertools.count(1)
+    return lambda name: timer.took(f"{what} {next(numbers)} by {name}")
 
 
 def run_gallery(command: Gallery) -> None:
