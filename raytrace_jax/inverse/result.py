@@ -111,6 +111,14 @@ class FitPictures:
     typical_residual: float = math.nan
     left_out: int = 0
 
+    @property
+    def residual_pixels(self) -> int:
+        """How few pixels hold nine tenths of the sum of the residual's squares; 0 where there is no estimate."""
+        if self.estimate is None:
+            return 0
+        squares = np.sort(np.sum((self.estimate - self.target) ** 2, axis=0)[self.weights > 0])[::-1]
+        return 1 + int(np.searchsorted(np.cumsum(squares), 0.9 * squares.sum()))
+
 
 @dataclasses.dataclass(frozen=True)
 class FitHistory:

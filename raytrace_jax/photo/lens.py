@@ -2,12 +2,13 @@
 
 import os
 import tomllib
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.errors import RaytraceError
+from raytrace_jax.errors import PictureWarning, RaytraceError
 from raytrace_jax.images.exif import BACK
 from raytrace_jax.util.files import read_bytes, write_text
 
@@ -106,6 +107,8 @@ def write_lens(path: str | os.PathLike[str], lens: LensPrior, size: tuple[int, i
 def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> LensPrior:
     """Read a lens, as `raytrace-jax calibrate` writes it, for a picture of this size on the sensor.
 
+    Of a lens whose pictures are as high as this one is wide, as programs turn them, a PictureWarning tells.
+
     Raises:
         RaytraceError: the file is none of a lens, or of pictures of another shape.
     """
@@ -121,9 +124,21 @@ def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> LensPrior:
     except (ValueError, KeyError, TypeError, ArithmeticError):  # LinAlgError is a ValueError.
         raise RaytraceError(f"{path}: is no lens; one as `raytrace-jax calibrate` writes it is wanted.") from None
     # A picture that was made smaller since has the same shape but for rounding.
-    if abs(width / height * size[1] / size[0] - 1) > 1e-3:
+    lens, share = LensPrior(mean, covariance), size[0] / size[1]
+    if abs(width / height / share - 1) < 1e-3:
+        return lens
+    if abs(height / width / share - 1) > 1e-3:
         raise RaytraceError(
             f"{path}: is the lens of pictures of {width} x {height} pixels, and this one has {size[0]} x {size[1]}: "
             "calibrate with pictures of the same shape, taken as this one was."
         )
-    return LensPrior(mean, covariance)
+    warnings.warn(
+        f"{path}: is the lens of pictures of {width} x {height} pixels, and this one has {size[0]} x {size[1]}: it is "
+        "turned by a quarter, and to which side is not known. Calibrate with pictures that say how they are turned.",
+        PictureWarning,
+        stacklevel=2,
+    )
+    # Of two principal points that are as likely, on opposite sides of the middle, mean and covariance.
+    lens = Turn((width, height), after=6).of(lens)
+    offset = lens.mean * [0, 0, 0, 1, 1]
+    return LensPrior(lens.mean - offset, lens.covariance + np.outer(offset, offset))

@@ -1,5 +1,6 @@
 """From photographs of a board behind a ball of glass to their camera, the ball's places and its index."""
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -158,6 +159,10 @@ def locate_together(
             left_out = bare if several and isinstance(reason, NoBall) else refused
             left_out[k] = _not_located(reason, photographs[k], board, taken[k])
     if not views:
+        if (asked := _other_radius(photographs, board, cameras, radius[0], ball)) is not None:
+            for k in cameras:
+                left_out = bare if k in bare else refused
+                left_out[k] = NotLocated(f"{left_out[k]} {asked}", taken[k])
         return Together({}, {}, bare, refused, None)
 
     # The last adjustment is of all; that of a single photograph is all there is.
@@ -185,6 +190,26 @@ def _not_located(reason: PictureError, photograph: Photograph, board: CharucoBoa
     refusal = NotLocated(f"{reason}{where}", taken)
     refusal.__cause__ = reason
     return refusal
+
+
+def _other_radius(
+    photographs: Sequence[Photograph],
+    board: CharucoBoard,
+    cameras: dict[int, FoundCamera],
+    radius: float,
+    ball: Disc | None,
+) -> str | None:
+    """Ask about a radius with which a photograph would show the board through the ball, where the stated one fails."""
+    ways = {0.5: "half of that radius", 2: "twice that radius", 0.1: "a tenth of that radius", 10: "ten times that"}
+    for k, camera in cameras.items():
+        for factor, words in ways.items():
+            setup = camera.view.setup._replace(radius=factor * radius)
+            with contextlib.suppress(PictureError):
+                discs = [ball] if ball else find_discs(photographs[k], board, setup, camera.blur)
+                find_ball(photographs[k], board, setup, camera.blur, discs)
+                found = f"With {words}, {factor * radius:.3g} mm, the board is seen through the ball"
+                return f"{found}: was another unit or a diameter stated?"
+    return None
 
 
 def _measured(

@@ -1,5 +1,7 @@
 """The markers of a board in a photograph: which are seen directly, and which through glass."""
 
+import functools
+
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
@@ -81,23 +83,31 @@ def markers_in(
     grey: UInt8[np.ndarray, "height width"], dictionary: str
 ) -> tuple[Float[np.ndarray, "markers 4 2"], Int[np.ndarray, " markers"]]:
     """The markers of a photograph, which may be small."""
+    return _markers_of(grey.tobytes(), grey.shape, dictionary)
+
+
+@functools.lru_cache(maxsize=4)  # It takes seconds, and a photograph that is refused is looked at again.
+def _markers_of(grey: bytes, shape: tuple[int, int], dictionary: str):
+    """As `markers_in`."""
     aruco = opencv("a photograph of a board").aruco
     how = aruco.DetectorParameters()
     how.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
     # Small markers through glass: OpenCV's own least perimeter is 3 % of the picture's side.
     how.minMarkerPerimeterRate = 0.008
-    return decoded(grey, dictionary, how)
+    return decoded(np.frombuffer(grey, np.uint8).reshape(shape), dictionary, how)
+
+
+def is_mirrored(grey: UInt8[np.ndarray, "height width"], board: CharucoBoard) -> bool:
+    """Whether a photograph shows enough markers of a board in its mirror image alone, as a front camera may save it."""
+    found = (int(np.isin(markers_in(one, board.dictionary)[1], board.ids).sum()) for one in (grey, grey[:, ::-1]))
+    return next(found) < LEAST_DIRECT <= next(found)
 
 
 def _too_few(grey: UInt8[np.ndarray, "height width"], board: CharucoBoard, ids: np.ndarray, ours: int) -> str:
     """Why a photograph shows too few markers of a board, as far as it can be told, and what to do."""
     wanted = f"{LEAST_DIRECT} markers of {board.path} are wanted, and {ours} are found"
-    mirrored = int(np.sum(np.isin(markers_in(np.ascontiguousarray(grey[:, ::-1]), board.dictionary)[1], board.ids)))
-    if mirrored >= LEAST_DIRECT:
-        return (
-            f"{wanted}, but {mirrored} in its mirror image: it is mirrored, as a front camera may save it. Turn the "
-            "mirroring off in the camera, or mirror the file back, as by `magick FILE -flop FILE` (ImageMagick)."
-        )
+    if is_mirrored(grey, board):
+        return f"{wanted}, but more in its mirror image: mirror it back."
     if len(ids) >= LEAST_DIRECT:
         return f"{wanted}, beside {len(ids) - ours} of another board: which board was photographed?"
     return (

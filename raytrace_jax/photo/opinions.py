@@ -129,9 +129,9 @@ class Budget(NamedTuple):
     """Parts of an index's standard deviation, whose squares add up to its square; and what it would be.
 
     Args:
-        radius: of what was known of the radius, and with it of the ruler.
-        corners: of the corners' scatter.
-        lens: of what was known of the lens.
+        radius: what is there because radius and ruler are not exact.
+        corners: what corners alone would leave, with an exact radius and an exact lens.
+        lens: what is there because the lens is not exact.
         without_radius: the whole if radius and ruler were exact.
         without_lens: the whole if the lens were.
         fourfold: the whole with four times as many photographs like these.
@@ -146,24 +146,27 @@ class Budget(NamedTuple):
 
     @property
     def advice(self) -> str:
-        """A sentence on what would lessen the error most."""
+        """A sentence on what would lessen the largest part, and what the error would be then."""
         ways = {
-            "measure ball and ruler better: were they exact, {:.2g} would be left": self.without_radius,
-            "calibrate the lens, or with more tilted pictures: were it exact, {:.2g} would be left": self.without_lens,
-            "take more photographs, the ball at other places: four times as many would leave {:.2g}": self.fourfold,
+            "measure ball and ruler better: were they exact": (self.radius, self.without_radius),
+            "take more photographs, the ball at other places: with four times as many": (self.corners, self.fourfold),
+            "calibrate the lens, or with more tilted pictures: were it exact": (self.lens, self.without_lens),
         }
-        best = min(ways, key=lambda way: ways[way])
-        return f"To lessen the index's error, {best.format(ways[best])}."
+        way = max(ways, key=lambda way: ways[way][0])
+        whole = float(np.sqrt(self.radius**2 + self.corners**2 + self.lens**2))
+        return f"To lessen the index's error, {way}, {ways[way][1]:.2g} of {whole:.2g} would be left."
 
 
 def budget(adjusted: Adjusted) -> Budget:
-    """The parts of the error of an adjusted index, which follows linearly from corners, lens and radius."""
+    """The parts of the error of an adjusted index, which follows linearly from corners, lens and radius.
+
+    A part is the variance that goes where its numbers become exact. What goes depends on whether the other's are exact
+    by then: it is the mean of both (Shapley 1953), so that the parts add up.
+    """
     covariance, root = adjusted.covariance, adjusted.known.root
     variance = covariance[AT.ior, AT.ior]
-    moved, of_radius = root @ covariance[AT.ior], root[:, AT.radius] != 0
-    radius, lens = (float(np.sum(moved[rows] ** 2)) for rows in (of_radius, ~of_radius))
 
-    def exact(places: Sequence[int]) -> float:
+    def exact(*places: int) -> float:
         """The index's variance if these numbers were known."""
         across = covariance[AT.ior, places]
         return float(variance - across @ np.linalg.pinv(covariance[np.ix_(places, places)]) @ across)
@@ -175,5 +178,7 @@ def budget(adjusted: Adjusted) -> Budget:
     whole = np.linalg.pinv(covariance[np.ix_(free, free)] / np.outer(spread[free], spread[free]))
     more = np.linalg.pinv(4 * whole - 3 * before.T @ before)
     fourfold = more[(place := int(np.flatnonzero(free == AT.ior)[0])), place] * variance
-    parts = (radius, variance - radius - lens, lens, exact([AT.radius]), exact([*AT.lens]))
-    return Budget(*(float(np.sqrt(max(part, 0.0))) for part in (*parts, fourfold)))
+
+    no_radius, no_lens, neither = exact(AT.radius), exact(*AT.lens), exact(AT.radius, *AT.lens)
+    radius, lens = ((variance - a + b - neither) / 2 for a, b in ((no_radius, no_lens), (no_lens, no_radius)))
+    return Budget(*(float(np.sqrt(max(v, 0.0))) for v in (radius, neither, lens, no_radius, no_lens, fourfold)))

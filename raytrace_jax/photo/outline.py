@@ -65,7 +65,12 @@ def find_discs(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: 
     if largest < 9.0:  # Nothing is seen through so small a disc.
         raise PictureError(
             f"{name}: a ball of this radius is {2 * largest * grid.binning:.0f} pixels wide at most before this board: "
-            "photograph from nearer."
+            "photograph from nearer; is its radius right?"
+        )
+    if 2 * least > min(hidden.shape):
+        raise NoBall(
+            f"{name}: a ball of this radius is {2 * least * grid.binning:.0f} pixels wide at least before this board, "
+            f"and the picture is {size[0]} x {size[1]}: is its radius right?"
         )
     # The inside of a disc is hidden by so much more than half of what is around it.
     least_score = 0.4

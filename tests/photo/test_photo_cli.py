@@ -145,7 +145,7 @@ def test_long_writes_errors_out(folder, monkeypatch, capsys):
         ["corners", "0.012"],
         ["lens", "0"],
     ]
-    assert "the ball at other places: four times as many would leave 0.006." in captured.out
+    assert "the ball at other places: with four times as many, 0.006 of 0.012 would be left." in captured.out
     assert "It is too dark. There is no scene for a fit." in captured.err
     assert run(*BALL, "--long") == 0
     assert "11.500 +- 0.012" in capsys.readouterr().out and drawn == [(False, []), (True, [])]
@@ -239,6 +239,15 @@ def test_the_balls_place_may_be_stated(folder, monkeypatch, capsys):
     assert words in " ".join(capsys.readouterr().err.split())
     nothing, (center, radius) = given[0][4], given[1][4]
     assert (*center, radius) == (30, 20, 9) and nothing is None
+
+
+def test_a_mirrored_picture_is_mirrored_back(folder, monkeypatch, capsys):
+    seen = seen_by_locate(monkeypatch)
+    upright = np.asarray(Image.open("photo.png"))
+    Image.fromarray(upright[:, ::-1]).save("photo.png")
+    assert run(*BALL) == 1
+    assert "photo.png is mirrored, as a front camera may save it" in " ".join(capsys.readouterr().err.split())
+    np.testing.assert_allclose(seen[0][0][0].grey, upright, atol=1)
 
 
 @pytest.mark.parametrize(("orientation", "center"), [(1, (0.02, -0.01)), (3, (-0.02, 0.01)), (6, (0.01, 0.02))])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from raytrace_jax import RaytraceError
+from raytrace_jax import PictureWarning, RaytraceError
 from raytrace_jax.images.exif import TURNS
 from raytrace_jax.photo import geometry
 from raytrace_jax.photo.geometry import LOST, Setup, principal_point, project, rotation_matrix
@@ -279,9 +279,21 @@ def test_a_lens_comes_back_from_its_file(tmp_path):
         found = read_lens(path, size)
         np.testing.assert_allclose(found.mean, LENS.mean, rtol=1e-11)
         np.testing.assert_allclose(found.covariance, LENS.covariance, rtol=1e-11)
-    for size in ((3000, 4000), (1920, 1080)):
-        with pytest.raises(RaytraceError, match=rf"camera\.toml: .*4000 x 3000 .* {size[0]} x {size[1]}: calibrate"):
-            read_lens(path, size)
+    with pytest.raises(RaytraceError, match=r"camera\.toml: .*4000 x 3000 .* 1920 x 1080: calibrate"):
+        read_lens(path, (1920, 1080))
+
+
+def test_a_lens_of_turned_pictures_is_turned(tmp_path):
+    """To which side is not known: both that are as likely lie within the error."""
+    write_lens(path := tmp_path / "camera.txt", LENS, (4000, 3000), "By a test.")
+    with pytest.warns(PictureWarning, match=r"of 4000 x 3000 pixels, and this one has 600 x 800: it is turned by a"):
+        found = read_lens(path, (600, 800))
+    sides = [Turn((4000, 3000), after=orientation).of(LENS) for orientation in (6, 8)]
+    np.testing.assert_allclose(found.mean, np.mean([one.mean for one in sides], axis=0), atol=1e-12)
+    for one in sides:
+        np.testing.assert_allclose(one.mean[:3], found.mean[:3], rtol=1e-12)
+        off, spread = one.mean - found.mean, found.covariance - one.covariance
+        np.testing.assert_allclose(spread[3:, 3:], np.outer(off, off)[3:, 3:], rtol=1e-12)
 
 
 @pytest.mark.parametrize("orientation", TURNS)

@@ -109,7 +109,7 @@ def test_misplaced_markers_are_another_board(picture, share, board):
 @pytest.mark.parametrize("turn", [np.s_[:, :, ::-1], np.s_[:, ::-1]], ids=["left-right", "top-bottom"])
 def test_a_mirrored_picture_is_told(turn, board):
     mirrored = photograph_of(boards.flat_picture(boards.PATTERN)[turn], "mirrored")
-    words = r"mirrored: 8 markers .* and 0 are found, but 70 in its mirror image.* `magick FILE -flop FILE`"
+    words = r"mirrored: 8 markers .* and 0 are found, but more in its mirror image: mirror it back"
     with pytest.raises(PictureError, match=words):
         calibrate([mirrored] * 3, board)
 

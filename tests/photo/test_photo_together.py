@@ -17,7 +17,7 @@ from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
 from raytrace_jax.photo.find_camera import FoundCamera, calibrate
 from raytrace_jax.photo.geometry import AT, Setup
 from raytrace_jax.photo.lens import LensPrior, Turn
-from raytrace_jax.photo.opinions import budget, contradictions
+from raytrace_jax.photo.opinions import Budget, budget, contradictions
 from raytrace_jax.photo.photograph import Corners, photograph_of
 from raytrace_jax.photo.sight import Sight
 
@@ -101,10 +101,20 @@ def test_the_error_budget_adds_up():
     exact = budget(adjust([view], known_before(KNOWN_LENS, (RADIUS, 0.0))))
     assert exact.radius == 0 and exact.lens > 0
     assert exact.without_radius == pytest.approx(np.linalg.norm(exact[:3]), rel=1e-6)
-    bad = once._replace(without_radius=9.0, without_lens=9.0)
-    assert bad.advice.startswith("To lessen the index's error, take more photographs")
-    assert "calibrate" in once._replace(without_lens=1e-9).advice
-    assert "measure ball and ruler" in once._replace(without_radius=1e-9).advice
+    # What an exact radius takes away is the radius's, also where corners tell it better than the ruler.
+    sure, two = KNOWN_LENS._replace(covariance=np.zeros((5, 5))), [view_of(place) for place in PLACES[:2]]
+    loose = budget(adjust(two, known_before(sure, (RADIUS, 0.1 * RADIUS))))
+    held = adjust(two, known_before(sure, (RADIUS, 0.0)))
+    assert loose.lens == pytest.approx(0, abs=1e-9) and loose.radius > loose.corners
+    np.testing.assert_allclose(loose.corners, np.sqrt(held.covariance[AT.ior, AT.ior]), rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("part", "words"), [("radius", "measure ball"), ("corners", "take more photographs"), ("lens", "calibrate")]
+)
+def test_the_advice_is_of_the_largest_part(part, words):
+    parts = Budget(0.001, 0.001, 0.001, 0.1, 0.2, 0.3)._replace(**{part: 0.01})
+    assert words in parts.advice and "of 0.01 would be left" in parts.advice
 
 
 @pytest.mark.parametrize(

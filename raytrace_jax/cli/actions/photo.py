@@ -28,6 +28,7 @@ from raytrace_jax.photo.find_camera import calibrate
 from raytrace_jax.photo.flattened import Flattened, flatten
 from raytrace_jax.photo.lens import Turn, read_lens, uncalibrated, write_lens
 from raytrace_jax.photo.locate import Located, Together, locate_together
+from raytrace_jax.photo.markers import is_mirrored
 from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, joined, told_together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.photograph import Photograph, photograph_of
@@ -52,7 +53,7 @@ def run_calibrate(command: Calibrate) -> int:
     console = stderr_console(quiet=command.quiet)
     with jax_session(64), Timer("calibrating", console) as timer:
         board = read_board(command.board)
-        photographs = [photograph for _, photograph in _photographs(command.photos, command.transfer)]
+        photographs = [photograph for _, photograph in _photographs(command.photos, command.transfer, board)]
         found = calibrate(photographs, board)
         timer.took("calibrating")
     comment = f"A lens by raytrace-jax calibrate, from {len(photographs)} pictures of {command.board.name}."
@@ -82,7 +83,7 @@ def run_photo(command: Photo) -> int:
     with jax_session(64):
         with Timer("corners", console) as timer:
             board = read_board(command.board)
-            pictures = list(_photographs(command.photos, command.transfer))
+            pictures = list(_photographs(command.photos, command.transfer, board))
             for _, photograph in pictures:
                 # Few steps of a file part paper and ink where the brightest hundredth is so dark.
                 if (white := float(np.percentile(photograph.light, 99))) < 0.03:
@@ -253,9 +254,12 @@ def _radius(command: Photo) -> tuple[float, float]:
 
 
 def _photographs(
-    paths: Sequence[Path], transfer: Transfer | None
+    paths: Sequence[Path], transfer: Transfer | None, board: CharucoBoard
 ) -> Iterator[tuple[Float[np.ndarray, "3 height width"], Photograph]]:
-    """Read pictures that a camera took; that files do not say how their numbers were made is told once."""
+    """Read pictures that a camera took, mirrored ones mirrored back.
+
+    That files do not say how their numbers were made is told once.
+    """
     told, said = set(), {}
     for path in paths:
         for word, value in camera_of(path).items():
@@ -274,7 +278,12 @@ def _photographs(
                 f"{', and so are others like it' if len(paths) > 1 else ''}; --transfer decides."
             )
         image = read_picture(path, transfer=taken)
-        yield image, photograph_of(image, str(path), orientation_of(path))
+        photograph = photograph_of(image, str(path), orientation_of(path))
+        if is_mirrored(photograph.grey, board):
+            print_warning(f"{path} is mirrored, as a front camera may save it: it was mirrored back.")
+            image = image[..., ::-1]
+            photograph = photograph_of(image, photograph.name, photograph.orientation)
+        yield image, photograph
 
 
 def _locate(

@@ -1,14 +1,15 @@
-"""The curves of a fit's report: the cost, each parameter's way, 95 % ellipses and profile likelihoods."""
+"""The curves of a fit's report: the cost, each parameter's way, the corner plot and profile likelihoods."""
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogFormatter, MaxNLocator
 
 from raytrace_jax.inverse.result import ELLIPSE_95, PROFILE_95, FitResult, FitStep, Profile
-from raytrace_jax.report.fit_report.summary import level_labels, power_of_ten, typeset
+from raytrace_jax.report.fit_report.summary import correlation_text, level_labels, power_of_ten, typeset
 from raytrace_jax.report.panels import drawable
 from raytrace_jax.util.digits import value_and_error
 
@@ -84,12 +85,13 @@ def _finish_steps(ax: Axes, steps: list[FitStep], pad: float) -> None:
     set_looks(ax, pad)
 
 
-def shown_pairs(result: FitResult) -> list[tuple[int, int]]:
-    """The pairs that have an ellipse, the most correlated first: each determined; of many parameters the first six."""
+def corner_columns(result: FitResult) -> list[int]:
+    """The columns of the parameters of the corner plot: those determined, at most the six that are most correlated."""
     error, correlation = result.total_error, result.total_correlation
     known = [k for k in range(len(result.names)) if np.isfinite(error[k]) and error[k] > 0]
     pairs = [pair for pair in itertools.combinations(known, 2) if np.isfinite(correlation[pair])]
-    return sorted(pairs, key=lambda pair: -abs(correlation[pair]))[: None if len(result.names) <= 6 else 6]
+    pairs.sort(key=lambda pair: -abs(correlation[pair]))
+    return sorted(list(dict.fromkeys(itertools.chain.from_iterable(pairs)))[:6])
 
 
 def ellipse(result: FitResult, pair: tuple[int, int], of_noise: bool = False) -> np.ndarray:
@@ -102,21 +104,67 @@ def ellipse(result: FitResult, pair: tuple[int, int], of_noise: bool = False) ->
     return math.sqrt(ELLIPSE_95) * error[:, None] * unit
 
 
-def draw_ellipse(ax: Axes, result: FitResult, pair: tuple[int, int]) -> None:
-    """Draw a pair's 95 % ellipse about the estimate, dotted that of noise alone, and each one's own error as a bar."""
-    outline = ellipse(result, pair)
-    exponents = [_exponent(float(extent)) for extent in np.abs(outline).max(axis=1)]
-    units = 10.0 ** np.array(exponents)
-    x, y = outline / units[:, None]
-    ax.fill(x, y, facecolor=LINE, alpha=0.13, linewidth=0)
-    ax.plot(x, y, color=LINE, linewidth=1.2)
+def draw_corner(axes: np.ndarray, result: FitResult, columns: Sequence[int]) -> None:
+    """Draw in axes "count count" each pair's 95 % ellipse, and on the diagonal each parameter's normal density.
+
+    All are deviations from the estimate: those of a column share the axis below, those of a row the axis at the left.
+    """
+    for (i, row), (j, column) in itertools.product(enumerate(columns), repeat=2):
+        ax = axes[i, j]
+        ax.set_visible(j <= i)
+        set_looks(ax, label_size=7)
+        ax.spines[:].set(visible=True, color="0.5", linewidth=0.6)
+        ax.tick_params(length=2.5, width=0.6, color="0.5")
+        ax.set(**_deviations(result, "x", column, i == len(columns) - 1))
+        if j < i:
+            ax.set(**_deviations(result, "y", row, j == 0))
+            _draw_ellipse(ax, result, (column, row))
+        else:
+            ax.set(ylim=(0, 1.15), yticks=[])
+            _draw_density(ax, result, column)
+    # In the empty triangle; the layout needs no place for it.
+    where = {"loc": "upper right", "bbox_to_anchor": (1, 1), "bbox_transform": axes[0, -1].transAxes}
+    legend = axes[0, 0].legend(*axes[1, 0].get_legend_handles_labels(), fontsize=7, frameon=False, **where)
+    legend.set_in_layout(False)
+
+
+def _deviations(result: FitResult, axis: str, column: int, outer: bool) -> dict[str, object]:
+    """What an axis of the corner plot is set to; only an outer one has words."""
+    extent, name = math.sqrt(ELLIPSE_95) * float(result.total_error[column]), result.labels[column]
+    exponent = _exponent(extent)
+    ticks = MaxNLocator(3).tick_values(-extent, extent)[1:-1]
+    label, numbers = _axis_label(name, exponent), [typeset(f"{tick / 10.0**exponent:g}") for tick in ticks]
+    if len(label) > 13 and "." in name:
+        # A panel is narrow: two lines, of which the first ends with the dot next to the middle.
+        dots = [i for i, sign in enumerate(name, 1) if sign == "."]
+        middle = min(dots, key=lambda i: abs(2 * i - len(name) - 1))
+        label = f"Δ {drawable(name[:middle], 12)}\n{_axis_label(name[middle:], exponent, 9).removeprefix('Δ ')}"
+    words = {f"{axis}ticklabels": numbers if outer else [], f"{axis}label": label if outer else ""}
+    return {f"{axis}lim": (-1.4 * extent, 1.4 * extent), f"{axis}ticks": ticks, **words}
+
+
+def _draw_density(ax: Axes, result: FitResult, column: int) -> None:
+    error, noise = float(result.total_error[column]), float(result.standard_error[column])
+    x = np.linspace(*ax.get_xlim(), 181)
+    ax.axvspan(-error, error, color=ESTIMATE, alpha=0.35, linewidth=0, zorder=0)
+    ax.axvline(0, color=ESTIMATE, linewidth=1.0)
+    ax.fill_between(x, np.exp(-((x / error) ** 2) / 2), facecolor=LINE, alpha=0.13, linewidth=0)
+    ax.plot(x, np.exp(-((x / error) ** 2) / 2), color=LINE, linewidth=1.2)
+    if 0 < noise < error:
+        ax.plot(x, np.exp(-((x / noise) ** 2) / 2), color=LINE, linewidth=1.0, linestyle=":")
+
+
+def _draw_ellipse(ax: Axes, result: FitResult, pair: tuple[int, int]) -> None:
+    outline, (x, y) = ellipse(result, pair), result.total_error[list(pair)]
+    ax.fill(*outline, facecolor=LINE, alpha=0.13, linewidth=0)
+    ax.plot(*outline, color=LINE, linewidth=1.2, label="95 % ellipse")
     if np.any(result.systematic_error[list(pair)] > 0):
-        ax.plot(*(ellipse(result, pair, of_noise=True) / units[:, None]), color=LINE, linewidth=1.0, linestyle=":")
-    errors = result.total_error[list(pair)] / units
-    ax.errorbar(0, 0, xerr=errors[0], yerr=errors[1], fmt="o", color=ESTIMATE, markersize=3.5, linewidth=1.4)
-    x_label, y_label = (_axis_label(result.labels[k], exponent) for k, exponent in zip(pair, exponents, strict=True))
-    ax.set(xlabel=x_label, ylabel=y_label)
-    _finish(ax)
+        ax.plot(*ellipse(result, pair, of_noise=True), color=LINE, linewidth=1.0, linestyle=":", label="noise alone")
+    ax.errorbar(0, 0, yerr=y, xerr=x, fmt="o", color=ESTIMATE, markersize=3, linewidth=1.3, label="estimate ± error")
+    # In the upper corner that an ellipse with a slope leaves free.
+    correlation = float(result.total_correlation[pair])
+    place, side = (0.04, "left") if correlation > 0 else (0.96, "right")
+    ax.text(place, 0.96, correlation_text(correlation), ha=side, va="top", fontsize=7, transform=ax.transAxes)
 
 
 def draw_profile(ax: Axes, result: FitResult, profile: Profile) -> None:
@@ -140,7 +188,10 @@ def draw_profile(ax: Axes, result: FitResult, profile: Profile) -> None:
     ax.plot(deviation, profile.chi_square, ".-", color=LINE, markersize=4, linewidth=1.2, label="profile")
     ax.set(ylim=(bottom, top), xlabel=_axis_label(profile.name, exponent), ylabel="chi-square")
     ax.legend(fontsize=7, frameon=False, handlelength=1.5, labelspacing=0.2, loc="upper center")
-    _finish(ax)
+    ax.xaxis.set_major_locator(MaxNLocator(5))
+    ax.yaxis.set_major_locator(MaxNLocator(5))
+    ax.ticklabel_format(useOffset=False)
+    set_looks(ax)
 
 
 def interval_text(result: FitResult, profile: Profile) -> str:
@@ -159,21 +210,14 @@ def _exponent(extent: float) -> int:
     return 0 if -2 <= exponent <= 3 else exponent
 
 
-def _axis_label(name: str, exponent: int) -> str:
-    return f"Δ {drawable(name, 20)}" + (f" [{power_of_ten(exponent)}]" if exponent else "")
+def _axis_label(name: str, exponent: int, longest: int = 20) -> str:
+    return f"Δ {drawable(name, longest)}" + (f" [{power_of_ten(exponent)}]" if exponent else "")
 
 
-def _finish(ax: Axes) -> None:
-    ax.xaxis.set_major_locator(MaxNLocator(5))
-    ax.yaxis.set_major_locator(MaxNLocator(5))
-    ax.ticklabel_format(useOffset=False)
-    set_looks(ax)
-
-
-def set_looks(ax: Axes, pad: float = 6) -> None:
+def set_looks(ax: Axes, pad: float = 6, label_size: float = 8) -> None:
     """Small letters, and a title that stands `pad` points above."""
     ax.tick_params(which="both", labelsize=7)
     ax.spines[["top", "right"]].set_visible(False)
     for axis in (ax.xaxis, ax.yaxis):
-        axis.label.set(fontsize=8, parse_math=False)
+        axis.label.set(fontsize=label_size, parse_math=False)
     ax.set_title("", fontsize=9, pad=pad, y=1.0)

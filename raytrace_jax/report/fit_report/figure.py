@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.transforms import Bbox
 from PIL import Image
 
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report import curves
-from raytrace_jax.report.fit_report.summary import correlation_text, facts, typeset
+from raytrace_jax.report.fit_report.summary import facts, typeset
 from raytrace_jax.report.panels import as_pixels, data_address, draw_signed_values, drawable, letter_panels, png_bytes
 
 
@@ -75,40 +76,51 @@ class Sheet(NamedTuple):
 
 
 def draw_report(result: FitResult, long: bool = False) -> Sheet:
-    """Draw target, start, fit and residual, the cost, the way of every parameter, ellipses and profiles."""
-    # Wide pictures stand in two rows, panels of curves at most five in one; all heights are inches.
+    """Draw target, start, fit and residual, the cost, the way of every parameter, the corner plot and profiles."""
+    # Wide pictures stand in two rows; all heights are inches.
     _, height, width = result.pictures.target.shape
     picture_columns = 2 if width / height > 2.2 else 4
     picture_height = min(6.0, 10.8 / picture_columns * height / width) + 0.35
-    drawn = _curves(result, long)
-    rows = math.ceil(len(drawn) / 5)
+    # Beside the corner plot stand all or the ways, three in a row; what is left stands below, at most five in a row.
+    corner, drawn = curves.corner_columns(result), _curves(result, long)
+    side = 1.6 + 0.7 * len(corner)
+    room = 3 * round(side / 2.2) if corner else 0
+    beside = drawn if len(drawn) <= room else drawn[: min(1 + len(result.names), room)]
+    below = drawn[len(beside) :]
     message = [drawable(line, 150) for line in textwrap.wrap(result.message, 150)]
-    heights = 0.45 + 0.15 * len(message) + 4 // picture_columns * picture_height, 0.4 + 2.2 * rows
+    heights = [0.45 + 0.15 * len(message) + 4 // picture_columns * picture_height]
+    heights += [side] * bool(corner) + [2.2 * math.ceil(len(below) / 5)] * bool(below)
+    heights[1] += 0.4
 
     figure = Figure(figsize=(12.0, 0.25 + sum(heights)), dpi=300, layout="constrained")
     canvas, title = FigureCanvasAgg(figure), result.status.replace("_", " ")
     figure.suptitle(title, fontsize=12, fontweight="bold", color=COLOURS[result.status])
-    pictures, panels = figure.subfigures(2, squeeze=False, height_ratios=heights).ravel()
-    told = {label: value for label, (value, _) in facts(result).items()}
-    judged = f"rms residual {told['rms residual']}, typical {told['typical residual']}, {told['steps']} steps"
+    pictures, *bands = figure.subfigures(len(heights), squeeze=False, height_ratios=heights).ravel()
+    told = facts(result)
+    (rms, few), typical, steps = told["rms residual"], told["typical residual"][0], told["steps"][0]
+    judged = f"rms residual {rms} ({few}), typical {typical}, {steps} steps"
     pictures.suptitle("\n".join([*message, judged]), fontsize=9, parse_math=False)
     no_ticks = {"xticks": [], "yticks": []}
     _draw_pictures(pictures.subplots(4 // picture_columns, picture_columns, subplot_kw=no_ticks).ravel(), result)
-    panels.suptitle(KEY, fontsize=8, color="0.35")
-    axes = panels.subplots(rows, math.ceil(len(drawn) / rows), squeeze=False).ravel()
-    for ax, (_, _, _, title, draw) in zip(axes, drawn, strict=False):
-        draw(ax)
-        ax.title.set(text=title, parse_math=False)
-    for ax in axes[len(drawn) :]:
-        ax.set_visible(False)
+    bands[0].suptitle(KEY, fontsize=8, color="0.35")
+    shown = []
+    if corner:
+        left, right = bands[0].subfigures(1, 2, width_ratios=(12 - side, side))
+        shown += _draw_curves(left, beside, 3)
+        axes = right.subplots(len(corner), len(corner))
+        curves.draw_corner(axes, result, corner)
+        axes[0, 0].title.set(text="95 % ellipses and densities", x=1)
+        right.align_labels()
+        shown.append(("ellipses", "", "", axes[np.tril_indices_from(axes)]))
+    shown += _draw_curves(bands[-1], below, 5) if below else []
     letter_panels(figure.axes)
 
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     cut = {"traces": [], "ellipses": [], "profiles": []}
-    for ax, (group, name, remark, *_) in zip(axes, drawn, strict=False):
+    for group, name, remark, axes in shown:
         # A page says the title in its own words.
-        title, box = ax.title.get_window_extent(), ax.get_tightbbox()
+        title, box = axes[0].title.get_window_extent(), Bbox.union([ax.get_tightbbox() for ax in axes])
         box = (round(box.x0), round(image.height - title.y0), round(box.x1), round(image.height - box.y0))
         cut[group].append((name, remark, image.crop(box)))
     return Sheet(figure, image, cut)
@@ -122,16 +134,23 @@ def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, str, Cal
         name, line = row.label, typeset(row.text(long))
         draw = partial(curves.draw_trace, result=result, column=k)
         drawn.append(("traces", name, line, f"{drawable(name, 22)}\n{line}", draw))
-    for pair in curves.shown_pairs(result):
-        remark = f"correlation {correlation_text(float(result.total_correlation[pair]))}"
-        draw = partial(curves.draw_ellipse, result=result, pair=pair)
-        name = " and ".join(result.labels[k] for k in pair)
-        drawn.append(("ellipses", name, remark, f"95 % ellipse\n{remark}", draw))
     for profile in result.profiles:
         remark = curves.interval_text(result, profile)
         draw = partial(curves.draw_profile, result=result, profile=profile)
         drawn.append(("profiles", profile.name, remark, f"profile likelihood\n{remark}", draw))
     return drawn
+
+
+def _draw_curves(part: SubFigure, drawn: Sequence[tuple], most: int) -> list[tuple[str, str, str, list[Axes]]]:
+    """Draw panels of curves in rows of at most so many; group, name, remark and axes of each."""
+    rows = math.ceil(len(drawn) / most)
+    axes = part.subplots(rows, math.ceil(len(drawn) / rows), squeeze=False).ravel()
+    for ax, (*_, title, draw) in zip(axes, drawn, strict=False):
+        draw(ax)
+        ax.title.set(text=title, parse_math=False)
+    for ax in axes[len(drawn) :]:
+        ax.set_visible(False)
+    return [(*said[:3], [ax]) for ax, said in zip(axes, drawn, strict=False)]
 
 
 def _draw_pictures(axes: Sequence[Axes], result: FitResult) -> None:

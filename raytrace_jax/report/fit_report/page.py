@@ -11,6 +11,7 @@ from raytrace_jax.inverse.judge.structure import EVIDENCE
 from raytrace_jax.inverse.result import FitResult, Minimum
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report import summary
+from raytrace_jax.report.fit_report.curves import corner_columns
 from raytrace_jax.report.fit_report.figure import COLOURS, Sheet, embed, residual_of
 from raytrace_jax.report.fit_report.methods import methods_text, references
 from raytrace_jax.report.fit_report.summary import facts, number_text, typeset
@@ -57,6 +58,7 @@ def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = F
     return template.render(
         {group: [(*said, embed(image, 64)) for *said, image in cut] for group, cut in sheet.cut.items()},
         result=result,
+        corner=[result.labels[k] for k in corner_columns(result)],
         long=long,
         status=result.status.replace("_", " "),
         colour=COLOURS[result.status],

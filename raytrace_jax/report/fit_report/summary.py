@@ -76,7 +76,8 @@ def facts(result: FitResult) -> dict[str, tuple[str, str]]:
     """Number and remark of each number that judges the whole fit, by its label."""
     pictures, sure, steps, samples = result.pictures, result.uncertainty, result.history.steps, result.target_samples
     height, width = pictures.weights.shape
-    counted, left_out = int(np.count_nonzero(pictures.weights)), pictures.left_out
+    few, counted, left_out = pictures.residual_pixels, int(np.count_nonzero(pictures.weights)), pictures.left_out
+    holding = f"nine tenths of its square in {few:,} of {counted:,} pixels, " if few else ""
     origin = "given" if sure.sigma_given else "estimated from the residual"
     apart = f"by the median; {left_out:,} pixel{'s' * (left_out > 1)} at edges and the like left out"
     chi_square = (number_text(sure.reduced_chi_square), "1 is right")
@@ -84,7 +85,7 @@ def facts(result: FitResult) -> dict[str, tuple[str, str]]:
     spent = f"{steps[-1].seconds:.3g} s" if steps else "no time"
     grid = ("many", "each pixel is taken for the mean over its area")
     return {
-        "rms residual": (in_steps_of_8_bits(pictures.rms_residual), "no blur, every pixel that counts"),
+        "rms residual": (in_steps_of_8_bits(pictures.rms_residual), f"{holding}without blur"),
         "typical residual": (
             in_steps_of_8_bits(pictures.typical_residual),
             apart if left_out else "where the picture depends on a parameter",
