@@ -1,7 +1,8 @@
-"""Least squares of a board's corners in photographs: cameras, ball and index together, and how sure all of them are."""
+"""Least squares of a board's corners in photographs: cameras, ball or tank and index together, and how sure all are."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import jax
@@ -56,23 +57,37 @@ class Known(NamedTuple):
     scale: Float[np.ndarray, " numbers"]
 
 
-def known_before(lens: LensPrior, radius: tuple[float, float]) -> Known:
-    """What is known before: the lens, and the ball's radius with its standard deviation; (0, 0) if there is no ball.
+Measured = Mapping[str, tuple[float, float]]
+"""What was measured of a ball (`radius`) or of a tank (`thickness`, `wall`, `wall_ior`), with standard deviations."""
+
+
+def known_before(lens: LensPrior, measured: Measured = MappingProxyType({})) -> Known:
+    """What is known before: the lens, and what was measured of ball or tank, if there is one.
 
     What has no error is held.
     """
-    mean, root = np.zeros(COUNT), np.zeros((len(AT.lens) + 1, COUNT))
-    mean[AT.lens], mean[AT.radius] = lens.mean, radius[0]
+    mean, rows = np.zeros(COUNT), []
+    mean[AT.lens] = lens.mean
     variance = np.diagonal(lens.covariance)
     is_known = np.flatnonzero(np.isfinite(variance) & (variance > 0))
     if len(is_known):
         precision = np.linalg.inv(lens.covariance[np.ix_(is_known, is_known)])
-        root[np.ix_(np.arange(len(is_known)), AT.lens[is_known])] = np.linalg.cholesky(precision).T
-    if radius[1] > 0:
-        root[-1, AT.radius] = 1 / radius[1]
-    of_lens = np.array([1.0, 0.02, 0.02, 0.01, 0.01]) * (variance > 0)
-    scale = np.array([*[0.02] * 6, *of_lens, 0.05 * (radius[0] > 0), *[0.1 * radius[0]] * 3, radius[1]])
-    return Known(mean, root, scale)
+        rows = list(np.linalg.cholesky(precision).T @ np.eye(COUNT)[AT.lens[is_known]])
+    scale = Setup.of(np.zeros(COUNT))._replace(
+        rotation=np.full(3, 0.02),
+        translation=np.full(3, 0.02),
+        fov=1.0 * (variance[0] > 0),
+        distortion=0.02 * (variance[1:3] > 0),
+        principal_offset=0.01 * (variance[3:] > 0),
+        ior=0.05 * bool(measured),
+        center=np.full(3, 0.1 * measured.get("radius", (0.0, 0.0))[0]),
+        tilt=np.full(2, 0.02 * ("thickness" in measured)),
+    )
+    for name, (value, error) in measured.items():
+        mean[getattr(AT, name)], scale = value, scale._replace(**{name: error})
+        if error > 0:
+            rows.append(np.eye(COUNT)[getattr(AT, name)] / error)
+    return Known(mean, np.reshape(rows, (-1, COUNT)), scale.vector)
 
 
 @dataclass(frozen=True)
@@ -103,7 +118,7 @@ class AdjustedView:
 
     @property
     def ior(self) -> tuple[float, float]:
-        """The ball's index over the air's, and its standard deviation."""
+        """The index of ball or liquid over the air's, and its standard deviation."""
         return float(self.setup.ior), float(self.errors.ior)
 
 
@@ -133,7 +148,7 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
 
     Args:
         views: photographs with one camera of one ball; the first begins with what is common. One without corners
-            through the glass needs none of a ball's numbers.
+            through the glass needs no numbers of a ball or a tank.
         known: what is known before.
     """
     system = _System(views, known)
@@ -234,10 +249,10 @@ class _System:
 
 
 def _scale_of(view: PhotoView, known: Known) -> Setup:
-    """About how far each number of a view may move; a ball through which nothing is seen is held."""
+    """About how far each number of a view may move; a ball or a tank through which nothing is seen is held."""
     scale, distance = Setup.of(known.scale), np.linalg.norm(view.setup.translation)
-    center = scale.center * (len(view.through.pixels) > 0)
-    return scale._replace(translation=distance * scale.translation, center=center)
+    center, tilt = (one * (len(view.through.pixels) > 0) for one in (scale.center, scale.tilt))
+    return scale._replace(translation=distance * scale.translation, center=center, tilt=tilt)
 
 
 @jit

@@ -13,7 +13,7 @@ from scipy import ndimage, optimize
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.geometry import Setup
-from raytrace_jax.photo.outline import Disc, NoBall
+from raytrace_jax.photo.outline import Disc, NothingThrough
 from raytrace_jax.photo.photograph import Photograph, PixelGrid
 from raytrace_jax.photo.sight import Sight
 
@@ -27,7 +27,7 @@ def find_ball(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: f
         discs: where its outline may be.
 
     Raises:
-        NoBall: nothing is seen through any of them.
+        NothingThrough: nothing is seen through any of them.
         PictureError: the board is seen through two.
     """
     # A quick look says which are likely; the first that shows the board well is the ball.
@@ -48,7 +48,7 @@ def find_ball(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: f
     alike, first, best = max(found, key=lambda one: one[0])
     if alike < least:
         how = "shows no board" if alike == -1 else f"does not look like the board (correlation {alike:.2f})"
-        raise NoBall(
+        raise NothingThrough(
             f"{name}: what is seen through the ball {how}: put the ball so that some squares are seen through it, "
             "upright or upside down; is its radius right?"
         )

@@ -10,7 +10,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align, best_blur
 from raytrace_jax.photo.boards import LEAST_CORNERS, CharucoBoard, opencv
 from raytrace_jax.photo.bundle import AdjustedView, PhotoView, adjust, known_before
-from raytrace_jax.photo.geometry import Setup
+from raytrace_jax.photo.geometry import COUNT, Setup
 from raytrace_jax.photo.lens import LensPrior, Turn, uncalibrated
 from raytrace_jax.photo.markers import find_markers
 from raytrace_jax.photo.photograph import Corners, Photograph
@@ -44,7 +44,7 @@ def find_camera(photograph: Photograph, board: CharucoBoard, lens: LensPrior) ->
     # Markers are found without a start, but roughly: they choose among angles of view.
     size, corners = photograph.size, find_markers(photograph, board)
     guesses = [float(lens.mean[0])] if np.isfinite(lens.covariance[0, 0]) else [20.0, 30.0, 40.0, 55.0, 70.0]
-    known = known_before(lens, (0.0, 0.0))
+    known = known_before(lens)
 
     def adjusted(setup: Setup, corners: Corners):
         return adjust([PhotoView(setup, size, corners, Corners.none())], known)
@@ -83,7 +83,10 @@ def _pose(corners: Corners, fov: float, lens: LensPrior, size: tuple[int, int]) 
     matrix = np.array([[focal, 0, across], [0, focal, down], [0, 0, 1]])
     points = np.concatenate([corners.places, np.zeros_like(corners.places[:, :1])], axis=1)
     _, turn, shift = cv2.solvePnP(points, corners.pixels, matrix, np.array([*distortion, 0.0, 0.0]))
-    return Setup(turn.ravel(), shift.ravel(), fov, distortion, offset, 1.5, np.zeros(3), 1.0)
+    nothing = Setup.of(np.zeros(COUNT))._replace(ior=1.5, radius=1.0)
+    return nothing._replace(
+        rotation=turn.ravel(), translation=shift.ravel(), fov=fov, distortion=distortion, principal_offset=offset
+    )
 
 
 def _refined(photograph: Photograph, board: CharucoBoard, sight: Sight) -> Corners:
@@ -171,7 +174,7 @@ def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], le
     """
     first = photographs[0]
     views = [camera.view._replace(turn=first.turn_to(one)) for camera, one in zip(found, photographs, strict=True)]
-    seen = adjust(views, known_before(lens, (0.0, 0.0))).views
+    seen = adjust(views, known_before(lens)).views
     apart = [camera.lens.mean - one.setup.lens for camera, one in zip(found, seen, strict=True)]
     # One of another zoom moves what all say: the median of what each says stays.
     shares = np.array([camera.lens.mean[0] / one.setup.fov for camera, one in zip(found, seen, strict=True)])

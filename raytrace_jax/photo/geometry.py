@@ -1,4 +1,4 @@
-"""A camera and a ball before a board: where pixels see the board, directly and through the ball, with derivatives.
+"""A camera and a ball, or a tank, before a board: where pixels see the board, directly and through it.
 
 The frame is the board's: x to the right, y up, z towards who looks at it, in the board's unit of length. Pixels are
 OpenCV's: (0, 0) is the middle of the upper left one. Rays are the tracer's, `tracer.geometry.camera`.
@@ -25,7 +25,10 @@ Size = tuple[int, int] | Float[Array, "2"]
 
 
 class Setup(NamedTuple):
-    """A camera and a ball before a board; or an error, a scale, a place in the raveled vector for each number of these.
+    """A camera before a board, and a ball or a tank between them.
+
+    Or an error, a scale, a place in the raveled vector for each number of these. A ball has no thickness, a tank no
+    radius.
 
     Args:
         rotation, translation: rotation vector and translation of the camera as OpenCV has them, into a frame of x to
@@ -34,8 +37,11 @@ class Setup(NamedTuple):
         distortion: k1 and k2 of `scene.lens`.
         principal_offset: how far the principal point is to the right of and below the picture's middle, in widths of
             the picture.
-        ior: the ball's index over that of the air.
+        ior: the index, over that of the air, of the ball or of the liquid in the tank.
         center, radius: the ball's.
+        tilt: the outer normal of the tank's faces is along (tilt, 1).
+        thickness: of the tank, along its normal, from the outside of one wall to that of the other.
+        wall, wall_ior: thickness and index of each of its walls.
     """
 
     rotation: Float[Any, "3"]
@@ -46,12 +52,16 @@ class Setup(NamedTuple):
     ior: Float[Any, ""]
     center: Float[Any, "3"]
     radius: Float[Any, ""]
+    tilt: Float[Any, "2"]
+    thickness: Float[Any, ""]
+    wall: Float[Any, ""]
+    wall_ior: Float[Any, ""]
 
     @classmethod
     def of(cls, vector: Float[Any, " numbers"]) -> "Setup":
         """The set-up that was raveled into a vector, of JAX or of NumPy."""
         v = vector
-        return cls(v[:3], v[3:6], v[6], v[7:9], v[9:11], v[11], v[12:15], v[15])
+        return cls(v[:3], v[3:6], v[6], v[7:9], v[9:11], v[11], v[12:15], v[15], v[16:18], *v[18:])
 
     @property
     def vector(self) -> Float[np.ndarray, " numbers"]:
@@ -64,17 +74,22 @@ class Setup(NamedTuple):
         return np.hstack([self.fov, self.distortion, self.principal_offset])
 
     @property
-    def own(self) -> Float[np.ndarray, "9"]:
-        """What each photograph has of its own, the camera's pose and the ball's centre; the rest is common."""
-        return np.hstack([self.rotation, self.translation, self.center])
+    def own(self) -> Float[np.ndarray, "11"]:
+        """What each photograph has of its own: the camera's pose, the ball's centre or the tank's tilt."""
+        return np.hstack([self.rotation, self.translation, self.center, self.tilt])
 
     @property
     def ball(self) -> Float[np.ndarray, "5"]:
         """The ball's numbers: index, centre and radius."""
         return np.hstack([self.ior, self.center, self.radius])
 
+    @property
+    def tank(self) -> Float[np.ndarray, "6"]:
+        """The tank's numbers: index, tilt, thickness and walls."""
+        return np.hstack([self.ior, self.tilt, self.thickness, self.wall, self.wall_ior])
 
-AT = Setup.of(np.arange(16))
+
+AT = Setup.of(np.arange(21))
 """Where each number lies in the raveled vector."""
 
 COUNT = len(AT.vector)
@@ -82,12 +97,13 @@ COUNT = len(AT.vector)
 
 
 class Seen(NamedTuple):
-    """What rays through a ball meet, in arrays of JAX or, from `photo.sight`, of NumPy.
+    """What rays through a ball or a tank meet, in arrays of JAX or, from `photo.sight`, of NumPy.
 
     Args:
         place: on the board's plane.
-        reach: how far from the ball's centre the ray passes, as a fraction of its radius; above 1 it misses.
-        valid: whether the ray enters the ball, leaves it and meets the plane.
+        reach: how far from the ball's centre the ray passes, as a fraction of its radius; above 1 it misses. 0 for a
+            tank, whose borders nobody knows.
+        valid: whether the ray enters, leaves and meets the plane.
     """
 
     place: Float[Any, "n 2"]
@@ -173,8 +189,31 @@ def on_board(
 
 
 def see_through(setup: Setup, size: Size, pixels: Float[Array, "n 2"]) -> Seen:
-    """Follow the rays of pixels into the ball, out of it and to the board's plane."""
+    """Follow the rays of pixels through the ball or the tank to the board's plane."""
     o, d = pixel_rays(setup, size, pixels)
+    return jax.lax.cond(setup.thickness > 0, _through_tank, _through_ball, setup, o, d)
+
+
+def _through_tank(setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]) -> Seen:
+    """Shift the rays aside, as each layer between parallel faces does; where the tank stands does not matter.
+
+    In a layer of thickness t and index n a ray of direction d and cosine c to the normal moves aside by t d' / (n c_n),
+    where d' is the part of d across the normal and n c_n = sqrt(n^2 - d'^2) by Snell's law; in air by t d' / c.
+    """
+    normal = normalize(jnp.append(setup.tilt, jnp.ones_like(setup.ior)))[:, None]
+    cosine = -dot(d, normal)
+    across = d + cosine * normal
+    squared, shift = dot(across, across), 0.0
+    inside = setup.thickness - 2 * setup.wall
+    for thickness, ior in ((inside, setup.ior), (2 * setup.wall, setup.wall_ior)):
+        in_layer = jnp.sqrt(jnp.maximum(ior * ior - squared, TINY))
+        shift = shift + thickness * (1 / in_layer - 1 / jnp.maximum(cosine, 1e-9))
+    place, distance = on_board(o + shift * across, d)
+    return Seen(place, jnp.zeros_like(distance), (cosine > 1e-9) & (squared < setup.ior**2) & (distance > 0))
+
+
+def _through_ball(setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]) -> Seen:
+    """Follow the rays into the ball and out of it."""
     center, radius, ior = setup.center[:, None], setup.radius, jnp.broadcast_to(setup.ior, o.shape[1:])
     passing = chord(o, d, center, radius)
     hits = (passing.discriminant > 1e-12 * radius * radius) & (passing.along > 0)
@@ -198,7 +237,7 @@ def local_map(setup: Setup, size: Size, pixels: Float[Array, "n 2"]) -> Float[Ar
 
 
 def misses(setup: Setup, size: Size, pixels: Float[Array, "n 2"], places: Float[Array, "n 2"]) -> Float[Array, "n 2"]:
-    """How far pixels are from where places of the board are seen through the ball, in pixels.
+    """How far pixels are from where places of the board are seen through ball or tank, in pixels.
 
     That is the miss on the board, carried back by the local map, which counts as constant. A pixel whose ray does not
     come through misses by `LOST`, so that no adjustment gains by losing corners.

@@ -1,4 +1,4 @@
-"""From photographs of a board behind a ball of glass to their camera, the ball's places and its index."""
+"""From photographs of a board behind a ball of glass, or a tank of liquid, to their cameras and the index."""
 
 import contextlib
 from collections.abc import Sequence
@@ -11,14 +11,17 @@ from jaxtyping import Float
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.bundle import Adjusted, AdjustedView, PhotoView, adjust, known_before
+from raytrace_jax.photo.bundle import Adjusted, AdjustedView, Known, Measured, PhotoView, adjust, known_before
 from raytrace_jax.photo.find_ball import find_ball
 from raytrace_jax.photo.find_camera import LARGEST_SCATTER, FoundCamera, find_camera, one_lens, one_size
+from raytrace_jax.photo.geometry import AT
 from raytrace_jax.photo.lens import LensPrior
 from raytrace_jax.photo.markers import markers_in
-from raytrace_jax.photo.outline import Disc, NoBall, find_discs
+from raytrace_jax.photo.outline import Disc, NothingThrough, find_discs
 from raytrace_jax.photo.photograph import Corners, Photograph
 from raytrace_jax.photo.sight import Sight
+from raytrace_jax.photo.tank import Layers, layers_of
+from raytrace_jax.util.digits import with_error
 
 LEAST_SQUARE = 4.0
 """Least pixels of a square's shorter side, seen through the glass; a patch of a smaller one is a blur."""
@@ -91,12 +94,12 @@ class Together(NamedTuple):
 def locate(
     photograph: Photograph,
     board: CharucoBoard,
-    radius: tuple[float, float],
+    measured: Measured,
     lens: LensPrior,
     ball: Disc | None = None,
 ) -> Located:
     """As `locate_together`, of one photograph. Raises NotLocated."""
-    found = locate_together([photograph], board, radius, lens, ball)
+    found = locate_together([photograph], board, measured, lens, ball)
     if found.refused:
         raise found.refused[0]
     return found.located[0]
@@ -105,20 +108,21 @@ def locate(
 def locate_together(
     photographs: Sequence[Photograph],
     board: CharucoBoard,
-    radius: tuple[float, float],
+    measured: Measured,
     lens: LensPrior,
     ball: Disc | None = None,
 ) -> Together:
-    """Find cameras and ball from the board's corners, seen directly and through the glass.
+    """Find cameras and ball or tank from the board's corners, seen directly and through it.
 
-    Each photograph is measured on its own. Then all corners are adjusted together: lens, index and radius are common,
-    and what is known of lens and radius before counts once. Where there are several photographs, one without a ball
-    tells of the lens.
+    Each photograph is measured on its own. Then all corners are adjusted together: lens, index and what was measured
+    are common, and what is known of these before counts once. Where there are several photographs, one without a ball
+    or a tank tells of the lens.
 
     Args:
-        photographs: by one camera, of one ball.
+        photographs: by one camera, of one ball or one tank.
         board: what they show.
-        radius: of the ball, and its standard deviation, in the board's unit.
+        measured: of the ball its `radius`, of the tank `thickness`, `wall` and `wall_ior`, each with its standard
+            deviation, in the board's unit.
         lens: what is known of the camera, as the first photograph has it.
         ball: its outline, if that is known.
 
@@ -134,11 +138,21 @@ def locate_together(
     refused: dict[int, NotLocated] = {}
     bare: dict[int, NotLocated] = {}
 
-    # The cameras follow from the board beside the ball, and all tell of one lens.
+    # The cameras follow from the board beside the ball or the tank, and all tell of one lens.
     cameras: dict[int, FoundCamera] = {}
+    layers: dict[int, Layers] = {}
     for k, photograph in enumerate(photographs):
+        known_lens, beside = first.turn_to(photograph).of(lens), board
         try:
-            cameras[k] = find_camera(photograph, board, first.turn_to(photograph).of(lens))
+            if "thickness" in measured:
+                try:
+                    layers[k] = layers_of(photograph, board, known_lens)
+                    beside = layers[k].direct
+                except NothingThrough as reason:
+                    if not several:
+                        raise
+                    bare[k] = _not_located(reason, photograph, board, taken[k])
+            cameras[k] = find_camera(photograph, beside, known_lens)
         except PictureError as reason:
             refused[k] = _not_located(reason, photograph, board, taken[k])
     shared = lens
@@ -151,15 +165,20 @@ def locate_together(
     # The corners through the glass follow photograph by photograph.
     views: dict[int, PhotoView] = {}
     alone: dict[int, Adjusted] = {}
-    for k, camera in cameras.items():
-        known_lens = first.turn_to(photographs[k]).of(shared)
+    for k in cameras.keys() - bare.keys():
+        camera, known_lens = cameras[k], first.turn_to(photographs[k]).of(shared)
         try:
-            views[k], alone[k] = _measured(photographs[k], board, camera, radius, known_lens, ball, taken[k])
+            known, behind = known_before(known_lens, measured), board
+            if k in layers:
+                start, behind = _before_tank(camera, layers[k], measured, known), layers[k].through
+            else:
+                start = _before_ball(photographs[k], board, camera, measured["radius"][0], ball, taken[k])
+            views[k], alone[k] = _measured(photographs[k], behind, start, camera.blur, known, taken[k])
         except PictureError as reason:
-            left_out = bare if several and isinstance(reason, NoBall) else refused
+            left_out = bare if several and isinstance(reason, NothingThrough) else refused
             left_out[k] = _not_located(reason, photographs[k], board, taken[k])
     if not views:
-        if (asked := _other_radius(photographs, board, cameras, radius[0], ball)) is not None:
+        if "radius" in measured and (asked := _other_radius(photographs, board, cameras, measured["radius"][0], ball)):
             for k in cameras:
                 left_out = bare if k in bare else refused
                 left_out[k] = NotLocated(f"{left_out[k]} {asked}", taken[k])
@@ -170,7 +189,7 @@ def locate_together(
     if len(views) + len(bare) > 1:
         chosen = views | {k: cameras[k].view for k in bare}
         turned = [view._replace(turn=leading.turn_to(photographs[k])) for k, view in chosen.items()]
-        joint = adjust(turned, known_before(first.turn_to(leading).of(lens), radius))
+        joint = adjust(turned, known_before(first.turn_to(leading).of(lens), measured))
     located = {
         k: Located(**vars(seen), board=board, size=photographs[k].size, blur=cameras[k].blur)
         for k, seen in zip(views, joint.views, strict=False)
@@ -212,61 +231,83 @@ def _other_radius(
     return None
 
 
-def _measured(
+def _before_ball(
     photograph: Photograph,
     board: CharucoBoard,
     camera: FoundCamera,
-    radius: tuple[float, float],
-    lens: LensPrior,
+    radius: float,
     ball: Disc | None,
     taken: Diagnostics,
-) -> tuple[PhotoView, Adjusted]:
-    """A photograph's corners, and what they say; what is found on the way is written into `taken`."""
-    # The ball is where the board is hidden.
+) -> PhotoView:
+    """A photograph's camera, and the ball where the board is hidden."""
     taken.direct, taken.blur = camera.view.direct, camera.blur
-    setup = camera.view.setup._replace(radius=radius[0])
+    setup = camera.view.setup._replace(radius=radius)
     taken.discs = [ball] if ball else find_discs(photograph, board, setup, camera.blur)
     setup = find_ball(photograph, board, setup, camera.blur, taken.discs)
-    taken.discs = [Disc(*Sight(setup, photograph.size).outline)]
+    taken.discs = [disc := Disc(*Sight(setup, photograph.size).outline)]
+    if np.any(disc.center - disc.radius < 0) or np.any(disc.center + disc.radius > np.array(photograph.size)):
+        raise PictureError(f"{photograph.name}: the ball reaches beyond the picture's border: photograph all of it.")
+    return camera.view._replace(setup=setup)
 
-    # Camera and ball are adjusted together to the corners seen directly and through the glass. A better ball says
-    # better where these are, so that each round finds more of them.
-    view = camera.view._replace(setup=setup)
-    known, found = known_before(lens, radius), None
+
+def _before_tank(camera: FoundCamera, layers: Layers, measured: Measured, known: Known) -> PhotoView:
+    """A photograph's camera, and the tank as the markers that are seen through it tell."""
+    sizes = {name: value for name, (value, _) in measured.items()}
+    setup = camera.view.setup._replace(ior=1.4, radius=0.0, **sizes)
+    view = camera.view._replace(setup=setup, through=layers.seen)
+    return view._replace(setup=adjust([view], known).views[0].setup)
+
+
+def _measured(
+    photograph: Photograph, board: CharucoBoard, view: PhotoView, blur: float, known: Known, taken: Diagnostics
+) -> tuple[PhotoView, Adjusted]:
+    """A photograph's corners, and what they say; what is found on the way is written into `taken`."""
+    # All is adjusted together to the corners seen directly and through ball or tank. A better estimate says better
+    # where these are, so that each round finds more of them.
+    taken.direct, taken.blur, found = view.direct, blur, None
+    is_tank = view.setup.thickness > 0
+    what, moving = ("tank", AT.tank) if is_tank else ("ball", AT.ball)
     for _ in range(12):
-        taken.through = _corners_through(photograph, board, Sight(view.setup, photograph.size), camera.blur)
+        sight = Sight(view.setup, photograph.size)
+        taken.through = _corners_through(photograph, board, sight, blur)
         if len(taken.through.pixels) < 8:  # They err, and tell four numbers.
             raise PictureError(
-                f"{photograph.name}: {len(taken.through.pixels)} corners of the board are found through the ball, and "
-                "8 are wanted: photograph from nearer, use smaller squares, or put the ball nearer to the board."
+                f"{photograph.name}: {len(taken.through.pixels)} corners of the board are found through the {what}, "
+                "and 8 are wanted: photograph from nearer, use smaller squares"
+                f"{', or put the ball nearer to the board' * (not is_tank)}."
             )
         found = adjust([view._replace(through=taken.through)], known)
         (seen,) = found.views
-        moved = np.abs(seen.setup.ball - view.setup.ball)
+        moved = np.abs(seen.setup.vector - view.setup.vector)[moving]
         view = view._replace(setup=seen.setup, through=taken.through)
-        if np.all(moved <= 0.2 * seen.errors.ball):
+        if np.all(moved <= 0.2 * seen.errors.vector[moving]):
             break
     assert found is not None, "there is a round"
-    taken.discs = [disc := Disc(*Sight(view.setup, photograph.size).outline)]
-    sigma = found.views[0].sigma
+    if not is_tank:
+        taken.discs = [Disc(*Sight(view.setup, photograph.size).outline)]
+    sigma, index = found.views[0].sigma, found.views[0].ior
 
-    if np.any(disc.center - disc.radius < 0) or np.any(disc.center + disc.radius > np.array(photograph.size)):
-        raise PictureError(f"{photograph.name}: the ball reaches beyond the picture's border: photograph all of it.")
     # In a photograph that was cut, whose middle is not where the lens looked, those through the ball scatter 3.5 times
     # as much as those beside it.
     width = photograph.size[0]
     if sigma[1] > min(LARGEST_SCATTER * width, max(3 * sigma[0], 1e-4 * width)):
+        sizes = "that its thickness is right" if is_tank else "that its radius is right"
         raise PictureError(
-            f"{photograph.name}: the corners that are seen through the ball scatter by {sigma[1]:.2g} pixels, "
-            f"and those beside it by {sigma[0]:.2g}: they are not what they are taken for. Put the ball so that "
-            "more squares are seen through it, photograph from nearer, and see that its radius is right and the "
-            "picture whole, as the camera took it."
+            f"{photograph.name}: the corners that are seen through the {what} scatter by {sigma[1]:.2g} pixels, "
+            f"and those beside it by {sigma[0]:.2g}: they are not what they are taken for. Put the {what} so that "
+            f"more squares are seen through it, photograph from nearer, and see {sizes} and the picture whole, as the "
+            "camera took it."
+        )
+    if is_tank and index[0] < 1:
+        raise PictureError(
+            f"{photograph.name}: the liquid's index would be {with_error(*index)}, and none is below that of air: are "
+            "the tank's thickness and its walls right?"
         )
     return view, found
 
 
 def _corners_through(photograph: Photograph, board: CharucoBoard, sight: Sight, blur: float) -> Corners:
-    """The corners that are seen through the ball, by patches."""
+    """The corners that are seen through ball or tank, by patches."""
 
     def see(pixels):
         seen = sight.through(pixels)

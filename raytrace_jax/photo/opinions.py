@@ -1,5 +1,6 @@
 """Index estimates from corners and from radiance, their budgets and agreement."""
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -8,7 +9,7 @@ import numpy as np
 from raytrace_jax.inverse.judge.assumptions import Contradiction, contradicted
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.photo.bundle import Adjusted
-from raytrace_jax.photo.geometry import AT, COUNT
+from raytrace_jax.photo.geometry import AT, Setup
 from raytrace_jax.photo.locate import Located, Together
 from raytrace_jax.photo.room_scene import GLASS, UNCERTAIN, RoomScene
 
@@ -18,15 +19,20 @@ AGREE = 3.0
 NAMES = (
     *("turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z"),
     *("fov", "k1", "k2", "principal_point.x", "principal_point.y"),
-    *("index", "center.x", "center.y", "center.z", "radius"),
+    *("index", "center.x", "center.y", "center.z", "radius", "tilt.x", "tilt.y", "thickness", "wall", "wall_index"),
 )
 """The words for the numbers of a set-up, as it is raveled."""
+
+
+def shown(setup: Setup) -> list[int]:
+    """Where the numbers of what is looked through, of the ball or of the tank, lie in the raveled set-up."""
+    return [*(AT.ball if setup.radius > 0 else AT.tank)]
 
 
 def told(located: Located) -> dict[str, object]:
     """What the corners of a photograph say, as plain values."""
     return {
-        "parameters": _parameters(located, [*AT.ball, *AT.lens]),
+        "parameters": _parameters(located, [*shown(located.setup), *AT.lens]),
         "names": list(NAMES),
         "numbers": located.setup.vector.tolist(),
         "covariance": located.covariance.tolist(),
@@ -54,7 +60,7 @@ def told_together(together: Together, names: Sequence[str]) -> dict[str, object]
     photographs |= {names[k]: {"no_ball": str(reason)} for k, reason in together.bare.items()}
     photographs |= {names[k]: {"refused": str(reason)} for k, reason in together.refused.items()}
     return {
-        "parameters": _parameters(first, [k for k in range(COUNT) if k not in AT.own]),
+        "parameters": _parameters(first, [*np.setdiff1d([*shown(first.setup), *AT.lens], AT.own)]),
         "names": [
             *(f"{order[0]}: {name}" if name in own else name for name in NAMES),
             *(f"{photograph}: {name}" for photograph in order[1:] for name in own),
@@ -114,7 +120,7 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
 
 
 def contradictions(adjusted: Adjusted) -> tuple[Contradiction, ...]:
-    """What was known before of lens and radius, and comes out otherwise."""
+    """What was known before of the lens, and measured of ball or tank, and comes out otherwise."""
     mean, root, _ = adjusted.known
     known = np.flatnonzero(root.any(axis=0))
     before = np.sqrt(np.diagonal(np.linalg.inv(root[:, known].T @ root[:, known])))
@@ -129,45 +135,44 @@ class Budget(NamedTuple):
     """Parts of an index's standard deviation, whose squares add up to its square; and what it would be.
 
     Args:
-        radius: what is there because radius and ruler are not exact.
-        corners: what corners alone would leave, with an exact radius and an exact lens.
-        lens: what is there because the lens is not exact.
-        without_radius: the whole if radius and ruler were exact.
-        without_lens: the whole if the lens were.
+        parts: by what they are of. Of `corners`: what these alone would leave if all that was measured, and the lens,
+            were exact; of the others: what is there because they are not.
+        exact: the whole if one of the others were exact.
         fourfold: the whole with four times as many photographs like these.
     """
 
-    radius: float
-    corners: float
-    lens: float
-    without_radius: float
-    without_lens: float
+    parts: dict[str, float]
+    exact: dict[str, float]
     fourfold: float
 
     @property
     def advice(self) -> str:
         """A sentence on what would lessen the largest part, and what the error would be then."""
-        ways = {
-            "measure ball and ruler better: were they exact": (self.radius, self.without_radius),
-            "take more photographs, the ball at other places: with four times as many": (self.corners, self.fourfold),
-            "calibrate the lens, or with more tilted pictures: were it exact": (self.lens, self.without_lens),
-        }
-        way = max(ways, key=lambda way: ways[way][0])
-        whole = float(np.sqrt(self.radius**2 + self.corners**2 + self.lens**2))
-        return f"To lessen the index's error, {way}, {ways[way][1]:.2g} of {whole:.2g} would be left."
+        largest = max(self.parts, key=lambda name: self.parts[name])
+        whole = float(np.sqrt(sum(part**2 for part in self.parts.values())))
+        way, left = f"measure {largest} better: were they exact", self.exact.get(largest, self.fourfold)
+        if largest == "corners":
+            way = "take more photographs, from and at other places: with four times as many"
+        elif largest == "lens":
+            way = "calibrate the lens, or with more tilted pictures: were it exact"
+        return f"To lessen the index's error, {way}, {left:.2g} of {whole:.2g} would be left."
 
 
 def budget(adjusted: Adjusted) -> Budget:
-    """The parts of the error of an adjusted index, which follows linearly from corners, lens and radius.
+    """The parts of the error of an adjusted index, which follows linearly from corners, lens and what was measured.
 
-    A part is the variance that goes where its numbers become exact. What goes depends on whether the other's are exact
-    by then: it is the mean of both (Shapley 1953), so that the parts add up.
+    A part is the variance that goes where its numbers become exact. What goes depends on which others are exact by
+    then: it is the mean over all orders (Shapley 1953), so that the parts add up.
     """
     covariance, root = adjusted.covariance, adjusted.known.root
     variance = covariance[AT.ior, AT.ior]
+    setup, groups = adjusted.views[0].setup, {"lens": AT.lens}
+    groups |= {"radius and ruler": [AT.radius]} if setup.radius > 0 else {"thickness and ruler": [AT.thickness]}
+    groups |= {"walls": [AT.wall]} if setup.wall > 0 else {}
 
-    def exact(*places: int) -> float:
+    def exact(names: Sequence[str]) -> float:
         """The index's variance if these numbers were known."""
+        places = [place for name in names for place in groups[name]]
         across = covariance[AT.ior, places]
         return float(variance - across @ np.linalg.pinv(covariance[np.ix_(places, places)]) @ across)
 
@@ -179,6 +184,11 @@ def budget(adjusted: Adjusted) -> Budget:
     more = np.linalg.pinv(4 * whole - 3 * before.T @ before)
     fourfold = more[(place := int(np.flatnonzero(free == AT.ior)[0])), place] * variance
 
-    no_radius, no_lens, neither = exact(AT.radius), exact(*AT.lens), exact(AT.radius, *AT.lens)
-    radius, lens = ((variance - a + b - neither) / 2 for a, b in ((no_radius, no_lens), (no_lens, no_radius)))
-    return Budget(*(float(np.sqrt(max(v, 0.0))) for v in (radius, neither, lens, no_radius, no_lens, fourfold)))
+    orders = list(itertools.permutations(groups))
+    gone = {
+        name: np.mean([exact(order[: (at := order.index(name))]) - exact(order[: at + 1]) for order in orders])
+        for name in groups
+    }
+    parts, alone = {"corners": exact([*groups])} | gone, {name: exact([name]) for name in groups}
+    of_parts, of_exact = ({name: float(np.sqrt(max(v, 0.0))) for name, v in one.items()} for one in (parts, alone))
+    return Budget(of_parts, of_exact, float(np.sqrt(max(fourfold, 0.0))))

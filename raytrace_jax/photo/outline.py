@@ -19,8 +19,8 @@ from raytrace_jax.photo.photograph import Photograph, PixelGrid, offsets
 from raytrace_jax.photo.sight import Sight
 
 
-class NoBall(PictureError):
-    """A photograph in which no ball is found."""
+class NothingThrough(PictureError):
+    """A photograph that shows nothing through a ball or a tank."""
 
 
 FILLING = (np.arange(24) + 0.5) / 24
@@ -68,7 +68,7 @@ def find_discs(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: 
             "photograph from nearer; is its radius right?"
         )
     if 2 * least > min(hidden.shape):
-        raise NoBall(
+        raise NothingThrough(
             f"{name}: a ball of this radius is {2 * least * grid.binning:.0f} pixels wide at least before this board, "
             f"and the picture is {size[0]} x {size[1]}: is its radius right?"
         )
@@ -88,7 +88,7 @@ def find_discs(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: 
     sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / share, 1)
     discs = _distinct((_fitted(one, sharp, known) for one in _distinct(order, 0.3)), 0.1)
     if not discs:
-        raise NoBall(
+        raise NothingThrough(
             f"{name}: there is no ball before the board: nothing hides it in a disc of a radius of "
             f"{least * grid.binning:.0f} to {largest * grid.binning:.0f} pixels, as its own radius allows. Stand the "
             "ball before the middle."

@@ -89,7 +89,9 @@ class Sight:
 
     @property
     def outline(self) -> tuple[Float[np.ndarray, "2"], float]:
-        """Where the ball's centre is seen, and about how large its outline's radius is, in pixels."""
+        """Where the ball's centre is seen, and about how large its outline's radius is, in pixels; a tank fills all."""
+        if self.setup.thickness > 0:
+            return (np.array(self.size) - 1) / 2, max(self.size) / 2
         center = self._by("project", self.setup.center[None])[0]
         squared = float(np.sum((self.viewpoint - self.setup.center) ** 2))
         radius = float(self.setup.radius)

@@ -33,20 +33,23 @@ def draw_photo_sheet(
     `flat` is the photograph without the light of its room, None where that could not be told. `long` writes the index
     as 1.5187 ± 0.0011 in place of 1.5187(11). `otherwise` is what the photograph contradicts.
     """
-    figure = Figure(figsize=(13.0, 8.2), dpi=130, layout="constrained")
-    axes = figure.subplot_mosaic("aab;cde", width_ratios=(1, 1, 1.1))
-    _draw_taken(axes, image, located.direct, located.through, [Disc(*located.sight.outline)])
+    is_ball = located.setup.radius > 0
+    figure = Figure(figsize=(13.0, 8.2 if is_ball else 4.8), dpi=130, layout="constrained")
+    axes = figure.subplot_mosaic("aab;cde" if is_ball else "aab", width_ratios=(1, 1, 1.1))
+    discs = [Disc(*located.sight.outline)] if is_ball else []
+    _draw_taken(axes, image, located.direct, located.through, discs)
     direct, through = len(located.direct.pixels), len(located.through.pixels)
     axes["a"].set_title(f"{direct} corners of the board (blue), scatter {located.sigma[0]:.3f} px", fontsize=9)
-    axes["b"].set_title(f"{through} corners through the glass (red), scatter {located.sigma[1]:.3f} px", fontsize=9)
+    what = "glass" if is_ball else "tank"
+    axes["b"].set_title(f"{through} corners through the {what} (red), scatter {located.sigma[1]:.3f} px", fontsize=9)
 
     if flat is not None:
         _draw_light(axes, located, flat)
     else:
-        for name in "cde":
+        for name in axes.keys() - {"a", "b"}:
             axes[name].set_visible(False)
-    remove_ticks(axes[name] for name in "abde")
-    letter_panels(axes[name] for name in "abcde")
+    remove_ticks(axes[name] for name in axes if name != "c")
+    letter_panels(axes.values())
     title = [f"index from the corners: {estimate_line(*located.ior, long)}"]
     title += [f"contradicted: {one.words}" for one in otherwise]
     figure.suptitle("\n".join(title), fontsize=12, color="#b00020" if otherwise else "black")
@@ -81,11 +84,17 @@ def _draw_taken(axes: dict[str, Axes], image: np.ndarray, direct: Corners, throu
         for number, (center, radius) in enumerate(discs):
             style = "--" if number else "-"
             ax.add_patch(Circle(tuple(center), radius, fill=False, color=OUTLINE, linewidth=1.0, linestyle=style))
-    if discs:
-        size = (image.shape[2], image.shape[1])
-        seen = PixelGrid.of(size, 1).around(discs[0].center, AROUND * discs[0].radius).window
+    if "b" in axes:
+        center, reach = (discs[0].center, AROUND * discs[0].radius) if discs else _middle_of(through.pixels)
+        seen = PixelGrid.of((image.shape[2], image.shape[1]), 1).around(center, reach).window
         axes["a"].add_patch(Rectangle(seen[:2], *seen[2:], fill=False, color=OUTLINE, linewidth=0.7, linestyle=":"))
         axes["b"].set(xlim=(seen[0], seen[0] + seen[2]), ylim=(seen[1] + seen[3], seen[1]))
+
+
+def _middle_of(pixels: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "2"], float]:
+    """The middle of a square with a margin around all pixels, and half its side."""
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    return (low + high) / 2, 0.55 * float(np.max(high - low))
 
 
 def _draw_light(axes: dict[str, Axes], located: Located, flat: Flattened) -> None:

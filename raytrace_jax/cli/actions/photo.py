@@ -24,12 +24,14 @@ from raytrace_jax.inverse.judge.assumptions import Contradiction, looks_like
 from raytrace_jax.inverse.result import last_word
 from raytrace_jax.inverse.result_rows import estimate_table
 from raytrace_jax.photo.boards import CharucoBoard, read_board
+from raytrace_jax.photo.bundle import Measured
 from raytrace_jax.photo.find_camera import calibrate
 from raytrace_jax.photo.flattened import Flattened, flatten
+from raytrace_jax.photo.geometry import AT
 from raytrace_jax.photo.lens import Turn, read_lens, uncalibrated, write_lens
 from raytrace_jax.photo.locate import Located, Together, locate_together
 from raytrace_jax.photo.markers import is_mirrored
-from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, joined, told_together
+from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, joined, shown, told_together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.photograph import Photograph, photograph_of
 from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene
@@ -71,15 +73,17 @@ def run_calibrate(command: Calibrate) -> int:
 
 
 def run_photo(command: Photo) -> int:
-    """Find cameras, ball and index from corners; write sheets, numbers and scenes, with --fit also a fit's report."""
+    """Find cameras, ball or tank, and index; write sheets, numbers and scenes, with --fit also a fit's report."""
     if not command.photos:
         raise UsageError("PHOTO: no photograph came, and one or several are wanted.")
-    radius = _radius(command)
+    measured = _measured(command)
     check_folder(folder := command.output)
     console, several = stderr_console(quiet=command.quiet), len(command.photos) > 1
     for option, is_given in (("--ball", command.ball is not None), ("--fit", command.fit)):
         if is_given and several:
             raise UsageError(f"{option}: is for one photograph, and {len(command.photos)} came.")
+        if is_given and command.tank:
+            raise UsageError(f"{option}: is for a ball, and --tank came.")
     with jax_session(64):
         with Timer("corners", console) as timer:
             board = read_board(command.board)
@@ -92,7 +96,7 @@ def run_photo(command: Photo) -> int:
                         "light that the file can hold. The index may be off by more than its error: let paper have "
                         "half."
                     )
-            together = _locate(command, [photograph for _, photograph in pictures], board, radius)
+            together = _locate(command, [photograph for _, photograph in pictures], board, measured)
             ends = _ends(command.photos)
             for k, refusal in (together.refused | together.bare).items():
                 with atomic_write(folder / f"located{ends[k]}.png") as temporary:
@@ -103,6 +107,8 @@ def run_photo(command: Photo) -> int:
                 raise reasons[0] if len(reasons) == 1 else PictureError("\n".join(map(str, reasons)))
             flats, dark = {}, {}
             for k, located in together.located.items():
+                if command.tank:
+                    continue
                 try:
                     flats[k] = flatten(pictures[k][0], located)
                 except PictureError as no_light:  # The corners need no light.
@@ -142,8 +148,8 @@ def run_photo(command: Photo) -> int:
 
 def _in_words(otherwise: Sequence[Contradiction], several: bool, folder: Path) -> str:
     """What the photographs contradict, and what to do."""
-    is_lens = [one.name != "radius" for one in otherwise]
-    ways = ["measure ball and ruler again"] * (not all(is_lens))
+    is_lens = [one.name in ("fov", "k1", "k2", "principal_point.x", "principal_point.y") for one in otherwise]
+    ways = ["measure ball or tank, and ruler, again"] * (not all(is_lens))
     ways += ["calibrate with this zoom and focus, and cut no picture"] * any(is_lens)
     sheet = folder / ("located*.png" if several else "located.png")
     return (
@@ -200,8 +206,9 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
 def print_located(together: Together, paths: Sequence[Path], long: bool = False) -> None:
     """Print what the corners say, with estimates as `with_error` writes them, and what the index's error is made of."""
     assert together.adjusted is not None, "a ball is found"
-    centers, several = tuple(f"center.{axis}" for axis in "xyz"), len(paths) > 1
-    first = next(iter(together.located.values()))
+    several, first = len(paths) > 1, next(iter(together.located.values()))
+    names = [NAMES[k] for k in shown(first.setup)]
+    own = [name for name in names if name in [NAMES[k] for k in AT.own]]
 
     def estimated(located: Located) -> dict[str, str]:
         """All numbers as `with_error` writes them, by name."""
@@ -209,48 +216,74 @@ def print_located(together: Together, paths: Sequence[Path], long: bool = False)
         return {name: with_error(float(number), float(error), long) for name, number, error in numbers}
 
     title = f"from the corners{f' of {len(paths)} photographs' if several else ''} (millimetres of the board, degrees)"
-    estimates = estimated(first)
-    rows = [("index", estimates["index"]), ("angle of view", estimates["fov"])]
-    rows += [(name, estimates[name]) for name in (*(() if several else centers), "radius")]
-    print_table(title, ("number", "estimate"), rows)
+    estimates = estimated(first) | {"angle of view": estimated(first)["fov"]}
+    listed = ["index", "angle of view", *(name for name in names[1:] if not (several and name in own))]
+    print_table(title, ("number", "estimate"), [(name, estimates[name]) for name in listed])
     if several:
         rows = [
-            (paths[k].name, with_error(*together.alone[k], long), *(estimated(one)[name] for name in centers))
+            (paths[k].name, with_error(*together.alone[k], long), *(estimated(one)[name] for name in own))
             for k, one in together.located.items()
         ]
-        rows += [(paths[k].name, "no ball: the lens", "", "", "") for k in together.bare]
-        rows += [(paths[k].name, "refused", "", "", "") for k in together.refused]
-        print_table("each photograph", ("photograph", "index alone", *centers), rows)
+        rows += [(paths[k].name, "only the lens", *[""] * len(own)) for k in together.bare]
+        rows += [(paths[k].name, "refused", *[""] * len(own)) for k in together.refused]
+        print_table("each photograph", ("photograph", "index alone", *own), rows)
     parts = budget(together.adjusted)
-    named = {"radius and ruler": parts.radius, "corners": parts.corners, "lens": parts.lens}
-    print_table("parts of the index's error", ("of", "part"), [(name, f"{part:.2g}") for name, part in named.items()])
+    print_table("parts of the index's error", ("of", "part"), [(name, f"{x:.2g}") for name, x in parts.parts.items()])
     print(parts.advice)
     for k, (index, error) in together.alone.items():
         if abs(off := index - first.ior[0]) > AGREE * error:
             print_warning(
                 f"{paths[k]} alone tells an index of {with_error(index, error, long)}, {abs(off) / error:.1f} of its "
-                "errors from that of all: is it the same ball, and does its sheet show corners that are none?"
+                "errors from that of all: is it the same ball or liquid, and does its sheet show corners that are none?"
             )
 
 
-def _radius(command: Photo) -> tuple[float, float]:
-    """The ball's radius in the board's millimetres, and its standard deviation. Raises UsageError."""
-    with blamed_on("--radius"):
-        radius, error = with_tolerance(command.radius)
-    with blamed_on("--ruler"):
-        ruler, off = with_tolerance(command.ruler or UNMEASURED)
-    for option, deviation, example in (("--radius", error, "24.55+-0.01mm"), ("--ruler", off, "99.93+-0.03mm")):
-        if not deviation:
-            print_warning(
-                f"{option} has no standard deviation and counts as exact: state it as {example}, for 0.1 % of it are "
-                "about 0.002 of the index."
-            )
+def _measured(command: Photo) -> Measured:
+    """What was measured of ball or tank, in the board's millimetres, with standard deviations. Raises UsageError."""
+    if (command.radius is None) == (command.tank is None):
+        raise UsageError("--radius of a ball or --tank, the thickness of a tank: one of the two is wanted.")
+    if command.wall and command.tank is None:
+        raise UsageError("--wall: is of a tank, and --tank is missing.")
+    given = {"--radius": command.radius, "--tank": command.tank, "--ruler": command.ruler or UNMEASURED}
+    sizes: dict[str, tuple[float, float]] = {}
+    examples = {"--radius": "24.55+-0.01mm", "--tank": "60.2+-0.05mm", "--ruler": "99.93+-0.03mm"}
+    for option, text in given.items():
+        if text is not None:
+            with blamed_on(option):
+                sizes[option] = with_tolerance(text)
+            if not sizes[option][1]:
+                print_warning(
+                    f"{option} has no standard deviation and counts as exact: state it as {examples[option]}, for 0.1 "
+                    f"% of it are about {'0.0005' if command.tank else '0.002'} of the index."
+                )
     if command.ruler is None:
         print_warning(
             f"the board's ruler was not measured and counts as {UNMEASURED}: measure it, and state it with --ruler."
         )
-    radius_there = radius * 100 / ruler  # On the board the ruler is 100 mm long.
-    return radius_there, radius_there * math.hypot(error / radius, off / ruler)
+    ruler, off = sizes["--ruler"]
+
+    def there(size: tuple[float, float]) -> tuple[float, float]:
+        """A size on the board, where the ruler is 100 mm long."""
+        length = size[0] * 100 / ruler
+        return length, length * math.hypot(size[1] / size[0], off / ruler)
+
+    if command.radius is not None:
+        return {"radius": there(sizes["--radius"])}
+    measured = {"thickness": there(sizes["--tank"])}
+    if command.wall:
+        thickness, _, ior = command.wall.partition(",")
+        with blamed_on("--wall"):
+            try:
+                measured |= {"wall": there(with_tolerance(thickness)), "wall_ior": (float(ior), 0.0)}
+            except ValueError:
+                wanted = "LENGTH+-SD,INDEX is wanted, as 3+-0.1mm,1.49"
+                raise UsageError(f"--wall {command.wall}: {wanted}.") from None
+        if not measured["wall_ior"][0] >= 1 or 2 * measured["wall"][0] >= measured["thickness"][0]:
+            raise UsageError(
+                f"--wall {command.wall}: an index of 1 or more and walls that leave room within the {command.tank} of "
+                "the tank are wanted."
+            )
+    return measured
 
 
 def _photographs(
@@ -286,24 +319,22 @@ def _photographs(
         yield image, photograph
 
 
-def _locate(
-    command: Photo, photographs: Sequence[Photograph], board: CharucoBoard, radius: tuple[float, float]
-) -> Together:
+def _locate(command: Photo, photographs: Sequence[Photograph], board: CharucoBoard, measured: Measured) -> Together:
     """Find cameras and ball with what is known of the lens: from a calibration, else from EXIF, else nothing."""
     ball = Disc(np.array(command.ball[:2], float), float(command.ball[2])) if command.ball else None
     path, first = command.photos[0], photographs[0]
     if command.camera is not None:
         lens = Turn(first.size_on_sensor, after=first.orientation).of(read_lens(command.camera, first.size_on_sensor))
-        return locate_together(photographs, board, radius, lens, ball)
+        return locate_together(photographs, board, measured, lens, ball)
     fov = angle_of_view(path) if is_photograph(path) else None
     if fov is not None:
         # EXIF's angle errs by some per cent: focal lengths are rounded, and focusing changes them. Nothing fits where
         # it is wrong, if the board does not outvote it.
         spread = 0.03
-        together = locate_together(photographs, board, radius, uncalibrated(fov, spread * fov), ball)
+        together = locate_together(photographs, board, measured, uncalibrated(fov, spread * fov), ball)
         if together.located and abs(_angle_of_first(together, photographs)[0] / fov - 1) < 3 * spread:
             return together
-    together = locate_together(photographs, board, radius, uncalibrated(), ball)
+    together = locate_together(photographs, board, measured, uncalibrated(), ball)
     if fov is not None and together.located:
         print_warning(
             f"{path}: its EXIF tells an angle of view of {fov:.4g} degrees (focal length, digital zoom), and "

@@ -186,21 +186,27 @@ class Calibrate(PhotoOptions):
 
 
 class Photo(PhotoOptions):
-    """Read the index of a glass ball off photographs of a board behind it.
+    """Read the index of a glass ball, or of a liquid in a tank, off photographs of a board behind it.
 
     Nothing of the room has to be described. The board's markers and corners tell where the camera and the ball are; the
     corners that are seen through the ball tell its index, printed as 1.5187(11): 1.5187 with a standard deviation of
-    0.0011. Several photographs by one camera of one ball, at several places, are adjusted together; those without the
-    ball tell of the lens. DIR gets `located.png`, a sheet that shows each step, `located.json`, and `scene.txt`, the
-    scene in the board's millimetres; of several, `located_NAME.png` and `scene_NAME.txt` each. How to take such
-    photographs: docs/photograph.md. It needs OpenCV, of the extra `photo`.
+    0.0011. A tank with flat parallel walls hides a part of the board; what is seen beside it tells where the camera is.
+    Several photographs by one camera of one ball or one tank are adjusted together; those without it tell of the lens.
+    DIR gets `located.png`, a sheet that shows each step, `located.json`, and `scene.txt`, the scene in the board's
+    millimetres; of several, `located_NAME.png` and `scene_NAME.txt` each. How to take such photographs:
+    docs/photograph.md. It needs OpenCV, of the extra `photo`.
 
     Example: raytrace-jax photo ball*.jpg --board board.txt --radius 20+-0.01mm --camera camera.txt -o result
+    Example: raytrace-jax photo tank.jpg --board board.txt --tank 60+-0.1mm --wall 3+-0.1mm,1.49 -o result
     """
 
-    radius: Annotated[str, arg(metavar="LENGTH+-SD")]
+    radius: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
     """The ball's radius and how well it is known, as 20mm or 20+-0.01mm. The index depends on it: 0.1 % of the radius
     is 0.002 of the index or so."""
+    tank: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
+    """In place of a radius the thickness of a tank, from the outside of one wall to that of the other, as 60+-0.1mm."""
+    wall: Annotated[str | None, arg(metavar="LENGTH+-SD,INDEX")] = None
+    """Thickness and index of each of the tank's walls, as 3+-0.05mm,1.49. Without it the walls count as nothing."""
     output: shared.OutputFolder
     camera: Annotated[Path | None, arg(metavar="CAMERA.txt")] = None
     """The lens, as `raytrace-jax calibrate` writes it; it is turned as EXIF says that the camera was. Without it the
