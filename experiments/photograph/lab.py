@@ -49,7 +49,7 @@ def run(number: int, case: str, folder: Path) -> dict:
     # Both the ruler of the radius and the printer err.
     known = (radius, radius * share * np.sqrt(2))
     lens = uncalibrated() if case == "alone" else lens_of(truth["camera"], photographs[0].size, folder)
-    together = locate_together(photographs, board, known, lens)
+    together = locate_together(photographs, board, {"radius": known}, lens)
     left_out = [str(one) for one in (*together.refused.values(), *together.bare.values())]
     if not together.located:
         return {"refused": left_out[0]}

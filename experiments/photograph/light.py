@@ -108,7 +108,8 @@ def run(number: int, case: str, folder: Path) -> dict:
     board, image = read_board(text), read_picture(folder / f"room_{number}.jpg")
     radius = truth["radius"] * (1 + EXACT * np.random.default_rng(4000 + number).normal()) / truth["print_scale"]
     lens = lens_of(truth["camera"], SIZE, folder)
-    located = locate(photograph_of(image, f"room {number}"), board, (radius, radius * EXACT * 2**0.5), lens)
+    known = {"radius": (radius, radius * EXACT * 2**0.5)}
+    located = locate(photograph_of(image, f"room {number}"), board, known, lens)
     by_corners = located.ior
     made = pictures(truth, text, folder) if case in CASES[2:] else {}
     chain = Chain(**{**truth["chain"], "gains": tuple(truth["chain"]["gains"])})

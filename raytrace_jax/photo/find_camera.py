@@ -10,7 +10,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align, best_blur
 from raytrace_jax.photo.boards import LEAST_CORNERS, CharucoBoard, opencv
 from raytrace_jax.photo.bundle import AdjustedView, PhotoView, adjust, known_before
-from raytrace_jax.photo.geometry import COUNT, Setup
+from raytrace_jax.photo.geometry import Setup
 from raytrace_jax.photo.lens import LensPrior, Turn, uncalibrated
 from raytrace_jax.photo.markers import find_markers
 from raytrace_jax.photo.photograph import Corners, Photograph
@@ -83,10 +83,7 @@ def _pose(corners: Corners, fov: float, lens: LensPrior, size: tuple[int, int]) 
     matrix = np.array([[focal, 0, across], [0, focal, down], [0, 0, 1]])
     points = np.concatenate([corners.places, np.zeros_like(corners.places[:, :1])], axis=1)
     _, turn, shift = cv2.solvePnP(points, corners.pixels, matrix, np.array([*distortion, 0.0, 0.0]))
-    nothing = Setup.of(np.zeros(COUNT))._replace(ior=1.5, radius=1.0)
-    return nothing._replace(
-        rotation=turn.ravel(), translation=shift.ravel(), fov=fov, distortion=distortion, principal_offset=offset
-    )
+    return Setup(turn.ravel(), shift.ravel(), fov, distortion, offset, 1.5, np.zeros(3), 1.0)
 
 
 def _refined(photograph: Photograph, board: CharucoBoard, sight: Sight) -> Corners:

@@ -52,10 +52,10 @@ class Setup(NamedTuple):
     ior: Float[Any, ""]
     center: Float[Any, "3"]
     radius: Float[Any, ""]
-    tilt: Float[Any, "2"]
-    thickness: Float[Any, ""]
-    wall: Float[Any, ""]
-    wall_ior: Float[Any, ""]
+    tilt: Float[Any, "2"] = np.zeros(2)
+    thickness: Float[Any, ""] = 0.0
+    wall: Float[Any, ""] = 0.0
+    wall_ior: Float[Any, ""] = 0.0
 
     @classmethod
     def of(cls, vector: Float[Any, " numbers"]) -> "Setup":

@@ -9,7 +9,7 @@ import numpy as np
 from raytrace_jax.inverse.judge.assumptions import Contradiction, contradicted
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.photo.bundle import Adjusted
-from raytrace_jax.photo.geometry import AT, Setup
+from raytrace_jax.photo.geometry import AT, COUNT, Setup
 from raytrace_jax.photo.locate import Located, Together
 from raytrace_jax.photo.room_scene import GLASS, UNCERTAIN, RoomScene
 
@@ -166,7 +166,7 @@ def budget(adjusted: Adjusted) -> Budget:
     """
     covariance, root = adjusted.covariance, adjusted.known.root
     variance = covariance[AT.ior, AT.ior]
-    setup, groups = adjusted.views[0].setup, {"lens": AT.lens}
+    setup, groups = Setup.of(adjusted.joint[:COUNT]), {"lens": AT.lens}
     groups |= {"radius and ruler": [AT.radius]} if setup.radius > 0 else {"thickness and ruler": [AT.thickness]}
     groups |= {"walls": [AT.wall]} if setup.wall > 0 else {}
 

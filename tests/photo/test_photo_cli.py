@@ -15,7 +15,7 @@ from raytrace_jax import PictureError
 from raytrace_jax.images.transfer import DECODERS
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.bundle import Known
-from raytrace_jax.photo.geometry import AT, Setup
+from raytrace_jax.photo.geometry import AT, COUNT, Setup
 from raytrace_jax.photo.lens import LensPrior, write_lens
 from raytrace_jax.photo.locate import Diagnostics, Located, NotLocated, Together
 from raytrace_jax.photo.outline import Disc
@@ -43,7 +43,13 @@ def folder(tmp_path, monkeypatch):
 
 
 BAD_INPUT = [
-    (2, PHOTO, ["--radius"]),
+    (2, PHOTO, ["--radius of a ball or --tank, the thickness of a tank: one of the two is wanted"]),
+    (2, [*BALL, "--tank", "60mm"], ["--radius of a ball or --tank"]),
+    (2, [*BALL, "--wall", "3mm,1.49"], ["--wall: is of a tank, and --tank is missing"]),
+    (2, [*PHOTO, "--tank", "60"], ["--tank", "it has no unit"]),
+    (2, [*PHOTO, "--tank", "60mm", "--wall", "3mm"], ["--wall 3mm: LENGTH+-SD,INDEX is wanted"]),
+    (2, [*PHOTO, "--tank", "60mm", "--wall", "30mm,1.49"], ["walls that leave room within the 60mm of the tank"]),
+    (2, [*PHOTO, "--tank", "60mm", "--fit"], ["--fit: is for a ball, and --tank came"]),
     (2, [*PHOTO[:4], "--radius", "20mm"], ["--output"]),
     (2, ["photo", "photo.png", "--radius", "20mm", "-o", "out"], ["--board"]),
     (2, ["photo", *BALL[2:]], ["PHOTO: no photograph came"]),
@@ -94,8 +100,12 @@ def test_unmeasured_lengths_are_uncertain(folder, monkeypatch, capsys):
     assert run(*BALL) == run(*PHOTO, "--radius", "20+-0.01mm", "--ruler", "99.9+-0.02mm") == 1
     warned = capsys.readouterr().err
     assert warned.count("counts as exact") == warned.count("counts as 100+-0.1 mm") == 1
-    assert given[0][2] == pytest.approx((20, 0.02))
-    assert given[1][2] == pytest.approx((20 * 100 / 99.9, 20 * 100 / 99.9 * np.hypot(5e-4, 0.02 / 99.9)))
+    assert given[0][2]["radius"] == pytest.approx((20, 0.02))
+    assert given[1][2]["radius"] == pytest.approx((20 * 100 / 99.9, 20 * 100 / 99.9 * np.hypot(5e-4, 0.02 / 99.9)))
+    assert run(*PHOTO, "--tank", "6+-0.01cm", "--wall", "3+-0.05mm,1.49", "--ruler", "100+-0.1mm") == 1
+    assert given[2][2]["thickness"] == pytest.approx((60, np.hypot(0.1, 0.06)))
+    assert given[2][2]["wall"] == pytest.approx((3, np.hypot(0.05, 0.003))) and given[2][2]["wall_ior"] == (1.49, 0)
+    capsys.readouterr()
     assert run(*PHOTO, "--radius", "20+-0.01mm", "--ruler", "9.98cm") == 1
     warned = " ".join(capsys.readouterr().err.split())
     assert "--ruler has no standard deviation and counts as exact: state it as 99.93+-0.03mm" in warned
@@ -105,7 +115,7 @@ def test_unmeasured_lengths_are_uncertain(folder, monkeypatch, capsys):
 def located_at(numbers, error):
     """What is located by no corners."""
     none = Corners.none()
-    adjusted = Setup.of(numbers), error**2 * np.eye(16), (0.0, 0.0), none, none
+    adjusted = Setup.of(numbers), error**2 * np.eye(COUNT), (0.0, 0.0), none, none
     return Located(*adjusted, None, (48, 32), 0.0)  # pyright: ignore
 
 
@@ -134,18 +144,18 @@ def corners_say(monkeypatch, known):
 
 
 def test_long_writes_errors_out(folder, monkeypatch, capsys):
-    drawn = corners_say(monkeypatch, Known(np.zeros(16), np.zeros((0, 16)), np.zeros(16)))
+    drawn = corners_say(monkeypatch, Known(np.zeros(COUNT), np.zeros((0, COUNT)), np.zeros(COUNT)))
     assert run(*BALL) == 0
     captured = capsys.readouterr()
     rows = [line.split("  ") for line in captured.out.splitlines()]
     assert [row[0] for row in rows[2:8]] == ["index", "angle of view", "center.x", "center.y", "center.z", "radius"]
     assert [row[-1].strip() for row in rows[2:5]] == ["11.500(12)", "6.500(12)", "12.500(12)"]
     assert [[row[0], row[-1].strip()] for row in rows[10:13]] == [
-        ["radius and ruler", "0"],
         ["corners", "0.012"],
         ["lens", "0"],
+        ["radius and ruler", "0"],
     ]
-    assert "the ball at other places: with four times as many, 0.006 of 0.012 would be left." in captured.out
+    assert "from and at other places: with four times as many, 0.006 of 0.012 would be left." in captured.out
     assert "It is too dark. There is no scene for a fit." in captured.err
     assert run(*BALL, "--long") == 0
     assert "11.500 +- 0.012" in capsys.readouterr().out and drawn == [(False, []), (True, [])]
@@ -154,9 +164,9 @@ def test_long_writes_errors_out(folder, monkeypatch, capsys):
 
 
 def test_contradictions_are_told_first(folder, monkeypatch, capsys):
-    mean, root = np.full(16, 6.5), np.zeros((2, 16))
+    mean, root = np.full(COUNT, 6.5), np.zeros((2, COUNT))
     mean[15], root[0, 6], root[1, 15] = 15.9, 50, 1 / 0.02  # The angle of view is 6.5, and the radius 15.5.
-    drawn = corners_say(monkeypatch, Known(mean, root, np.zeros(16)))
+    drawn = corners_say(monkeypatch, Known(mean, root, np.zeros(COUNT)))
     assert run(*BALL) == 3
     captured = capsys.readouterr()
     words = (
@@ -266,7 +276,7 @@ def test_a_lens_is_turned_by_exif(orientation, center, folder, monkeypatch):
 @pytest.mark.parametrize("fails", [True, False])
 def test_contradicted_exif_is_not_believed(fails, folder, monkeypatch, capsys):
     write_jpeg("zoomed.jpg", xA405=27)
-    numbers = np.full(16, 35.0)
+    numbers = np.full(COUNT, 35.0)
     asked = []
 
     def locate(_, __, ___, lens, ____):

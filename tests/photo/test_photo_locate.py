@@ -46,7 +46,7 @@ def image(board):
 
 @pytest.fixture(scope="module")
 def located(image, board):
-    return locate(photograph_of(image, "ball"), board, (RADIUS, 0.0), uncalibrated())
+    return locate(photograph_of(image, "ball"), board, {"radius": (RADIUS, 0.0)}, uncalibrated())
 
 
 @pytest.mark.slow
@@ -92,7 +92,9 @@ def test_the_scene_looks_like_the_photograph(image, located):
 @pytest.mark.parametrize("light", [0.5, 0.0])
 def test_a_grey_picture_is_refused(light, board):
     with pytest.raises(PictureError, match=r"grey: 8 markers of .*board\.txt are wanted, and 0 are found.*nearer"):
-        locate(photograph_of(np.full((3, HEIGHT, WIDTH), light), "grey"), board, (RADIUS, 0.0), uncalibrated())
+        locate(
+            photograph_of(np.full((3, HEIGHT, WIDTH), light), "grey"), board, {"radius": (RADIUS, 0.0)}, uncalibrated()
+        )
 
 
 @pytest.mark.parametrize(
@@ -114,7 +116,7 @@ def test_a_mirrored_picture_is_told(turn, board):
         calibrate([mirrored] * 3, board)
 
 
-DRAWN = Setup.of(np.array([np.pi, 0, 0, 0, 0, 600.0, 40.0, 0, 0, 0, 0, INDEX, 0, 0, 60, RADIUS]))
+DRAWN = Setup.of(np.array([np.pi, 0, 0, 0, 0, 600.0, 40.0, 0, 0, 0, 0, INDEX, 0, 0, 60, RADIUS, *[0] * 5]))
 """A camera straight before the board's middle, and a ball."""
 
 
@@ -202,7 +204,7 @@ def test_two_balls_or_none_are_refused(wide_board):
 def test_a_refusal_says_where_the_ball_was(image, board):
     wrong = Disc(np.array([200.0, 200.0]), 50.0)
     with pytest.raises(NotLocated, match=r"taken to be at column 200, row 200, .* 50 pixels; --ball X Y R") as refused:
-        locate(photograph_of(image, "ball"), board, (RADIUS, 0.0), uncalibrated(), wrong)
+        locate(photograph_of(image, "ball"), board, {"radius": (RADIUS, 0.0)}, uncalibrated(), wrong)
     taken = refused.value.taken
     assert len(taken.direct.pixels) > 50 and len(taken.markers) > 20 and taken.discs == [wrong]
 

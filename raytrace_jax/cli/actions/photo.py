@@ -148,9 +148,9 @@ def run_photo(command: Photo) -> int:
 
 def _in_words(otherwise: Sequence[Contradiction], several: bool, folder: Path) -> str:
     """What the photographs contradict, and what to do."""
-    is_lens = [one.name in ("fov", "k1", "k2", "principal_point.x", "principal_point.y") for one in otherwise]
-    ways = ["measure ball or tank, and ruler, again"] * (not all(is_lens))
-    ways += ["calibrate with this zoom and focus, and cut no picture"] * any(is_lens)
+    sizes = {"radius": "ball", "thickness": "tank", "wall": "walls"}
+    ways = [f"measure {sizes[one.name]} and ruler again" for one in otherwise if one.name in sizes]
+    ways += ["calibrate with this zoom and focus, and cut no picture"] * any(one.name not in sizes for one in otherwise)
     sheet = folder / ("located*.png" if several else "located.png")
     return (
         f"the photograph{'s contradict' if several else ' contradicts'} what was taken as known of "

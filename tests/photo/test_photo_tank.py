@@ -1,0 +1,157 @@
+"""A tank before a board: rays by Snell's law at each face, derivatives, and the index of a liquid from a photograph."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import photographed_boards as boards
+import pytest
+from photographed_boards import FOV, HEIGHT, SIZE, WIDTH
+
+from raytrace_jax import PictureError
+from raytrace_jax.photo import geometry
+from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
+from raytrace_jax.photo.geometry import Setup
+from raytrace_jax.photo.lens import LensPrior, uncalibrated
+from raytrace_jax.photo.locate import locate, locate_together
+from raytrace_jax.photo.opinions import budget
+from raytrace_jax.photo.photograph import Corners, photograph_of
+from raytrace_jax.photo.sight import Sight
+from raytrace_jax.photo.tank import layers_of
+
+POSE = [np.pi - 0.2, 0.12, -0.1, 3.0, -2.0, 260.0]
+LENS = LensPrior(np.array([FOV, 0.0, 0.0, 0.0, 0.0]), np.diag([1e-3, 1e-4, 1e-3, 1e-5, 1e-5]) ** 2)
+MEASURED = {"thickness": (60.0, 0.03), "wall": (3.0, 0.02), "wall_ior": (1.49, 0.0)}
+INDEX, TILT = 1.36, (0.05, -0.03)
+
+
+def tank(ior=INDEX, tilt=TILT, thickness=60.0, wall=3.0, wall_ior=1.49):
+    numbers = np.array([*POSE, FOV, 0, 0, 0, 0, ior, 0, 0, 0, 0, *tilt, thickness, wall, wall_ior])
+    return Setup.of(numbers)
+
+
+def refracted(d, normal, ratio):
+    """Snell's law in vectors; `ratio` is the index before over that behind, and the normal towards the ray."""
+    cosine = -d @ normal
+    return ratio * d + (ratio * cosine - np.sqrt(1 - ratio**2 * (1 - cosine**2))) * normal
+
+
+@pytest.mark.parametrize("wall", [0.0, 4.0])
+def test_rays_obey_snell_at_each_face(wall):
+    """Face by face, for a tank that stands anywhere: how far it is from the board does not matter."""
+    setup, pixels = tank(wall=wall), np.random.default_rng(3).uniform(0, 1, (20, 2)) * [WIDTH, HEIGHT]
+    origins, directions = geometry.pixel_rays(Setup.of(jnp.asarray(setup.vector)), SIZE, jnp.asarray(pixels))
+    normal = np.append(TILT, 1.0) / np.linalg.norm([*TILT, 1.0])
+    depths, indices = [0, wall, 60 - wall, 60], [1, 1.49, INDEX, 1.49, 1]
+    for front in (110.0, 150.0):
+        places = []
+        for o, d in zip(np.asarray(origins).T, np.asarray(directions).T, strict=True):
+            for depth, before, behind in zip(depths, indices[:-1], indices[1:], strict=True):
+                o = o + d * ((front - depth - o @ normal) / (d @ normal))
+                d = refracted(d, normal, before / behind)
+            places.append((o - d * o[2] / d[2])[:2])
+        seen = Sight(setup, SIZE).through(pixels)
+        assert seen.valid.all()
+        np.testing.assert_allclose(seen.place, places, atol=1e-9)
+
+
+@pytest.mark.parametrize("ior", [1.0, 1.36])
+def test_derivatives_are_differences(ior):
+    setup, pixels = tank(ior), jnp.asarray([[30.0, 40.0], [500.0, 400.0]])
+
+    @jax.jit
+    def places(numbers):
+        return geometry.see_through(Setup.of(numbers), SIZE, pixels).place
+
+    numbers, steps = setup.vector, np.full(21, 1e-5)
+    steps[8] = 1e-3  # k2 does nearly nothing near the middle.
+    wanted = np.stack(
+        [(places(numbers + h * e) - places(numbers - h * e)) / (2 * h) for h, e in zip(steps, np.eye(21), strict=True)],
+        axis=-1,
+    )
+    for mode in (jax.jacfwd, jax.jacrev):
+        np.testing.assert_allclose(mode(places)(numbers), wanted, rtol=1e-5, atol=1e-6)
+
+
+def test_grazing_rays_have_finite_derivatives():
+    """Past the critical angle of a liquid below 1, and along the faces."""
+    pixels = jnp.asarray([[0.0, 0.0], [639.0, 479.0], [320.0, 240.0]])
+    for setup in (tank(ior=0.5), tank(tilt=(1e3, 0.0)), tank(tilt=(0.0, -2.2))):
+        for mode in (jax.jacfwd, jax.jacrev):
+            slope = mode(lambda x, p=pixels: geometry.see_through(Setup.of(x), SIZE, p).place)(
+                jnp.asarray(setup.vector)
+            )
+            assert np.isfinite(slope).all()
+
+
+def photographed(board, setup, seed, covers=lambda pixels: pixels[:, 0] < WIDTH * 0.55):
+    """Light of a board whose left half is seen through a tank, as a camera has it."""
+    fine = np.mean(
+        [
+            np.where(
+                covers(boards.middles()).reshape(HEIGHT, WIDTH),
+                np.nan_to_num(board.brightness(Sight(setup, SIZE).through(boards.middles() + step).place), nan=0.4)
+                .reshape(HEIGHT, WIDTH),
+                boards.drawn(board, setup, boards.middles() + step),
+            )
+            for step in (np.stack(np.meshgrid([-0.33, 0.0, 0.33], [-0.33, 0.0, 0.33]), -1).reshape(-1, 2))
+        ],
+        axis=0,
+    )  # fmt: skip
+    return photograph_of(boards.taken(np.repeat(fine[None], 3, axis=0), seed), f"tank {seed}")
+
+
+def test_a_boards_markers_lie_in_two_layers(board):
+    setup = tank()
+    layers = layers_of(photographed(board, setup, 1), board, LENS)
+    assert len(layers.direct.ids) >= 8 and len(layers.through.ids) >= 8
+    assert not np.intersect1d(layers.direct.ids, layers.through.ids).size
+    sight = Sight(setup, SIZE)
+    assert (sight.where(layers.direct.corners)[:, 0] > WIDTH * 0.5).all()
+    assert (sight.where(layers.through.corners)[:, 0] < WIDTH * 0.6).all()
+    off = sight.through(layers.seen.pixels).place - layers.seen.places
+    assert np.median(np.linalg.norm(off, axis=1)) < 0.5, "millimetres"
+
+
+@pytest.mark.parametrize(("everywhere", "words"), [(True, "none beside it"), (False, "none is seen through")])
+def test_a_tank_that_hides_all_or_nothing(everywhere, words, board):
+    photograph = photographed(board, tank(), 2, lambda pixels: np.full(len(pixels), everywhere))
+    with pytest.raises(PictureError, match=words):
+        locate(photograph, board, MEASURED, LENS)
+
+
+@pytest.mark.slow
+def test_a_liquids_index_is_within_its_error(wide_board):
+    """Of one photograph; of two together, one of which shows no tank; and walls that count in the error."""
+    seen = photographed(wide_board, tank(), 3)
+    found = locate(seen, wide_board, MEASURED, LENS)
+    index, error = found.ior
+    assert abs(index - INDEX) < 3 * error and error < 2e-3
+    assert np.all(np.abs(found.setup.tilt - TILT) < 4 * found.errors.tilt)
+    bare = photographed(wide_board, tank(), 4, lambda pixels: np.zeros(len(pixels), bool))
+    both = locate_together([seen, bare], wide_board, MEASURED, uncalibrated())
+    assert list(both.located) == [0] and list(both.bare) == [1]
+    index, error = both.located[0].ior
+    assert abs(index - INDEX) < 3 * error
+    parts = budget(both.adjusted).parts
+    assert list(parts) == ["corners", "lens", "thickness and ruler", "walls"]
+    np.testing.assert_allclose(np.linalg.norm([*parts.values()]), error, rtol=1e-6)
+
+
+def test_thickness_and_index_are_told_together():
+    """Straight ahead a tank only lifts the board: without a measured thickness the index has a large error."""
+    places = np.stack(np.meshgrid(np.arange(-60, 61, 15.0), np.arange(-45, 46, 15.0)), -1).reshape(-1, 2)
+    setup = tank(tilt=(0.0, 0.0))._replace(rotation=np.array([np.pi, 0.0, 0.0]))
+    sight, noise = Sight(setup, SIZE), np.random.default_rng(5)
+    pixels, _, seen = sight.where_through(places, np.array([90.0, 70.0]))
+    groups = [
+        Corners(where + 0.02 * noise.normal(size=where.shape), places, np.full(len(places), 0.02))
+        for where in (sight.where(places), pixels)
+    ]
+    assert seen.all()
+
+    def error(thickness):
+        view = PhotoView(setup, SIZE, *groups)
+        known = known_before(LENS, MEASURED | {"thickness": (60.0, thickness)})
+        return adjust([view], known).views[0].ior[1]
+
+    assert error(30.0) > 20 * error(0.03)
