@@ -222,7 +222,7 @@ class Export(shared.PictureCommand):
     """
 
     to: Language
-    """pov: POV-Ray's language; mitsuba: XML; mitsuba-dict: a Python program with the dict of mitsuba.load_dict."""
+    """pov: POV-Ray's language; mitsuba: XML, which Mitsuba's Python reads by mitsuba.load_file."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
     """The file to write. Missing folders are made."""
 
