@@ -106,7 +106,7 @@ class Sweep(shared.PictureCommand):
     bounce: bool = False
     """Go through the values and back again, so that the animation has no jump where it repeats."""
     label: bool = False
-    """Write the name and the value on each frame; frames too small for that get them on a strip below."""
+    """Write the name and the value on a strip below each frame."""
     edges: EdgeMode | None = None
     """What a sample sees. point: one ray; aware: the area around it. Without it what the scene's file says, or point.
     """
