@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFont, ImageOps
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.animation import shortened
@@ -69,10 +69,9 @@ def draw_contact_sheet(cells: Sequence[LabelledPicture], group: int = 1) -> Imag
             draw.rectangle((left, top, left + plan.box[0] - 1, top + plan.box[1] - 1), "#d0d0d0")
         else:
             # As large as fits; the pixels of a small one are seen as squares.
-            scale = min(plan.box[0] / picture.width, plan.box[1] / picture.height)
-            size = max(1, round(scale * picture.width)), max(1, round(scale * picture.height))
-            way = Image.Resampling.NEAREST if scale > 1 else Image.Resampling.LANCZOS
-            sheet.paste(picture.resize(size, way), (left, top))
+            is_small = picture.width < plan.box[0] and picture.height < plan.box[1]
+            way = Image.Resampling.NEAREST if is_small else Image.Resampling.LANCZOS
+            sheet.paste(ImageOps.contain(picture, plan.box, way), (left, top))
         for line, text in enumerate(cell.lines[: plan.lines]):
             place = left, top + plan.box[1] + 2 + line * LINE
             draw.text(place, shortened(text, font, plan.box[0]), "black", font)
