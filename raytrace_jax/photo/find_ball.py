@@ -17,7 +17,6 @@ from raytrace_jax.photo.outline import Disc, NoBall
 from raytrace_jax.photo.photograph import Photograph, PixelGrid
 from raytrace_jax.photo.sight import Sight
 
-
 SURE = 0.6
 """The correlation of photograph and drawing that ends the search."""
 
