@@ -1,4 +1,4 @@
-"""The table of a batch's jobs, the page of them and the sheet of their pictures."""
+"""The table of a batch's jobs, and the page of them with their pictures."""
 
 import csv
 import importlib.util
@@ -10,12 +10,11 @@ from urllib.parse import quote
 
 from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, Row, cell_text, target_cells, value_cells
 from raytrace_jax.batch.run import JobRecord, read_record
-from raytrace_jax.report.contact_sheet import LabelledPicture, draw_contact_sheet
 from raytrace_jax.report.panels import page_template
 from raytrace_jax.util.digits import with_error
 from raytrace_jax.util.files import atomic_write, write_text
 
-CSV, PARQUET, SHEET, PAGE = "results.csv", "results.parquet", "contact.png", "index.html"
+CSV, PARQUET, PAGE = "results.csv", "results.parquet", "index.html"
 
 
 def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
@@ -60,34 +59,19 @@ def has_parquet() -> bool:
 
 def remove_tables(folder: Path) -> None:
     """Remove the files of an earlier run, so that none is there while jobs are missing from it."""
-    for name in (CSV, PARQUET, SHEET, PAGE):
+    for name in (CSV, PARQUET, PAGE):
         (folder / name).unlink(missing_ok=True)
 
 
-def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
-    """Write the page and, if there are renders, the contact sheet; return the paths."""
+def write_overview(jobs: Sequence[Job], folder: Path) -> Path:
+    """Write the page of all jobs; return its path."""
     ended = [(job, read_record(folder, job) or JobRecord("missing")) for job in jobs]
-    renders = [(job, record) for job, record in ended if job.kind == "render"]
-    cells = []
-    for job, record in renders:
-        picture = next((folder / path for path in record.outputs if path.endswith(".png")), None)
-        words = [f"{name} = {value}" for name, value in job.varied] or [job.scene_name]
-        cells.append(LabelledPicture(picture, words if record.status == "done" else ["failed", *words]))
-    (folder / SHEET).unlink(missing_ok=True)
-    if cells:
-        # A group are the jobs from the first on that differ in the last name of the grid alone.
-        rest = [(job.scene_name, list(job.values.items())[:-1]) for job, _ in renders]
-        group = next((count for count, other in enumerate(rest) if other != rest[0]), len(rest))
-        with atomic_write(folder / SHEET) as temporary:
-            draw_contact_sheet(cells, group).save(temporary)
     kinds = dict.fromkeys(job.kind for job in jobs)
     tables = [_table(kind, [(job, record) for job, record in ended if job.kind == kind]) for kind in kinds]
     failed = sum(record.status != "done" for _, record in ended)
-    page = page_template("raytrace_jax.batch", "index.html.jinja").render(
-        tables=tables, count=len(jobs), failed=failed, sheet=SHEET if cells else None
-    )
-    write_text(folder / PAGE, page)
-    return [folder / name for name in ([SHEET] if cells else []) + [PAGE]]
+    page = page_template("raytrace_jax.batch", "index.html.jinja")
+    write_text(folder / PAGE, page.render(tables=tables, count=len(jobs), failed=failed))
+    return folder / PAGE
 
 
 def _table(kind: str, jobs: Sequence[tuple[Job, JobRecord]]) -> dict[str, object]:

@@ -2,5 +2,5 @@
 
 from typing import Literal
 
-Format = Literal["pov", "mitsuba", "mitsuba-dict"]
-"""POV-Ray 3.7's language; Mitsuba 3's XML; a program in Python with the dictionary that Mitsuba takes."""
+Format = Literal["pov", "mitsuba"]
+"""POV-Ray 3.7's language; Mitsuba 3's XML."""

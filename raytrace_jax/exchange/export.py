@@ -10,7 +10,7 @@ from raytrace_jax.errors import SceneError
 from raytrace_jax.exchange import Format
 from raytrace_jax.exchange.described import describe_scene
 from raytrace_jax.exchange.mitsuba.export import MitsubaWriter
-from raytrace_jax.exchange.mitsuba.plugins import python_text, xml_text
+from raytrace_jax.exchange.mitsuba.plugins import xml_text
 from raytrace_jax.exchange.pov import pov_text
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.scene.scene import Scene
@@ -45,7 +45,7 @@ def export_scene(
     else:
         writer = MitsubaWriter(described, path.stem)
         plugins, files, lost = writer.plugins(), writer.files, list(dict.fromkeys(writer.lost))
-        text = (xml_text if to == "mitsuba" else python_text)(plugins, lost, path.name)
+        text = xml_text(plugins, lost, path.name)
     for name, texels in files.items():
         write_exr(path.parent / name, np.asarray(texels, np.float32))
     write_text(path, text)

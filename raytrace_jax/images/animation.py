@@ -42,24 +42,20 @@ def require_ffmpeg(path: Path) -> str:
 
 
 def label_frames(frames: Sequence[Image.Image], name: str, values: Sequence[str]) -> list[Image.Image]:
-    """Frames of one size with `name = value` on each: in the lower left corner, or below a frame too small for that."""
-    least = 10  # Pixels; smaller letters cannot be read.
-    size = max(least, frames[0].height // 20)
-    font = ImageFont.load_default(size)
+    """Frames of one size, each above a black strip with `name = value`, on two lines where one has no room for it."""
     width, height = frames[0].size
-    texts = [f"{name} = {value}" for value in values]
-    # All frames are labelled in the same way, so that they stay of one size.
-    if size < height / 8 and max(map(font.getlength, texts)) + size < width:
-        # White text with a black outline, in the picture.
-        style = {"anchor": "ld", "stroke_width": max(1, size // 12), "stroke_fill": "black"}
-        labelled = [frame.copy() for frame in frames]
-        for frame, text in zip(labelled, texts, strict=True):
-            ImageDraw.Draw(frame).text((size // 2, height - size // 2), text, "white", font, **style)
-        return labelled
-    font, line, lines = ImageFont.load_default(least), least + 3, [[text] for text in texts]
-    if max(map(font.getlength, texts)) > width - 2:
+    size = max(10, min(width, height) // 20)  # Pixels; smaller letters cannot be read.
+    font, lines = ImageFont.load_default(size), [[f"{name} = {value}"] for value in values]
+    if max(font.getlength(text) for [text] in lines) > width - 2:
         lines = [[shortened(name, font, width - 2), f"= {value}"] for value in values]
-    return [_with_strip(frame, some, font, line) for frame, some in zip(frames, lines, strict=True)]
+    labelled = []
+    for frame, some in zip(frames, lines, strict=True):
+        labelled.append(Image.new("RGB", (width, height + round(1.3 * size) * len(some)), "black"))
+        labelled[-1].paste(frame)
+        for number, text in enumerate(some, start=1):
+            place = 1, height + number * round(1.3 * size) - 2
+            ImageDraw.Draw(labelled[-1]).text(place, text, "white", font, anchor="ld")
+    return labelled
 
 
 def shortened(text: str, font: Font, width: int) -> str:
@@ -67,15 +63,6 @@ def shortened(text: str, font: Font, width: int) -> str:
     while font.getlength(text) > width and len(text) > 3:
         text = f"..{text.removeprefix('..')[1:]}"
     return text
-
-
-def _with_strip(frame: Image.Image, lines: Sequence[str], font: Font, line: int) -> Image.Image:
-    """White text on a black strip below the picture."""
-    labelled = Image.new("RGB", (frame.width, frame.height + line * len(lines)), "black")
-    labelled.paste(frame)
-    for number, text in enumerate(lines, start=1):
-        ImageDraw.Draw(labelled).text((1, frame.height + number * line - 2), text, "white", font, anchor="ld")
-    return labelled
 
 
 def _with_palette(frames: Sequence[Image.Image]) -> list[Image.Image]:

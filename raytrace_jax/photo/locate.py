@@ -12,7 +12,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.bundle import Adjusted, AdjustedView, Known, Measured, PhotoView, adjust, known_before
-from raytrace_jax.photo.find_ball import find_ball
+from raytrace_jax.photo.find_ball import SURE, find_ball
 from raytrace_jax.photo.find_camera import LARGEST_SCATTER, FoundCamera, find_camera, one_lens, one_size
 from raytrace_jax.photo.geometry import AT
 from raytrace_jax.photo.lens import LensPrior
@@ -225,7 +225,7 @@ def _other_radius(
             setup = camera.view.setup._replace(radius=factor * radius)
             with contextlib.suppress(PictureError):
                 discs = [ball] if ball else find_discs(photographs[k], board, setup, camera.blur)
-                find_ball(photographs[k], board, setup, camera.blur, discs)
+                find_ball(photographs[k], board, setup, camera.blur, discs, SURE)
                 found = f"With {words}, {factor * radius:.3g} mm, the board is seen through the ball"
                 return f"{found}: was another unit or a diameter stated?"
     return None

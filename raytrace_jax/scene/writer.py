@@ -78,7 +78,7 @@ def _block_lines(scene: Scene, block: Block, model: ModelName, parts: Parts) -> 
         beside = [comment for token in tokens for comment in token.beside]
         if attribute := block.type.find(part):
             is_kept = bool(above or beside) or (is_glass and part == "ior")
-            value = _value_text(scene, block, attribute, model, is_kept)
+            value = _attribute_text(scene, block, attribute, model, is_kept)
             if not value:
                 continue
             line = f"    {part} {value}"
@@ -89,7 +89,7 @@ def _block_lines(scene: Scene, block: Block, model: ModelName, parts: Parts) -> 
     return lines
 
 
-def _value_text(scene: Scene, block: Block, attribute: Attribute, model: ModelName, is_kept: bool) -> str:
+def _attribute_text(scene: Scene, block: Block, attribute: Attribute, model: ModelName, is_kept: bool) -> str:
     """The value of an attribute; nothing where it has none, or its default and is not kept all the same."""
     value = plain_value(scene, block, attribute)
     if value is None:
@@ -97,15 +97,16 @@ def _value_text(scene: Scene, block: Block, attribute: Attribute, model: ModelNa
     if not (is_name(value) if attribute.is_text else np.all(np.isfinite(value))):
         got = f"{attribute.name} {quoted(str(value))}"
         raise ModelFileError(f"the {block.keyword} {quoted(block.name)} has {got}, which no model.txt can say.")
-    text = _text(value)
+    text = value_text(value)
     default = attribute.default_of(model, lambda name: block.read(scene, name))
     if default is not None and not attribute.is_text:
         default = np.array(default, np.asarray(value).dtype)
     # Texts are compared: as numbers, -0 would equal a default of 0 and lose its sign.
-    return "" if default is not None and text == _text(default) and not is_kept else text
+    return "" if default is not None and text == value_text(default) and not is_kept else text
 
 
-def _text(value: Any) -> str:
+def value_text(value: Any) -> str:
+    """A word, or numbers with the fewest digits for their dtype, as a file has them."""
     return value if isinstance(value, str) else " ".join(map(format_number, np.atleast_1d(value)))
 
 

@@ -61,7 +61,7 @@ def test_a_batch_gives_the_librarys_results(batch, tmp_path):
     grid = "[grid]\nvitreous.ior = [1.2, 1.6]\n"
     code, rows, printed, shown = batch(grid + "[render]\n[gradient]\nwrt = ['cyan.ior']\nedges = 'point'\n" + FIT)
     assert code == 0
-    names = ("results.csv", "results.parquet", "contact.png", "index.html")
+    names = ("results.csv", "results.parquet", "index.html")
     assert printed.split() == [str(out / name) for name in names]
     assert shown.splitlines()[0] == "6 jobs"
     assert [row["kind"] for row in rows] == ["render"] * 2 + ["gradient"] * 2 + ["fit"] * 2
@@ -190,7 +190,7 @@ def test_without_pyarrow_there_is_a_csv(batch, monkeypatch, tmp_path):
     assert not has_parquet()
     code, rows, printed, shown = batch("[render]")
     assert (code, len(rows)) == (0, 1)
-    assert printed.split() == [str(tmp_path / "out" / name) for name in ("results.csv", "contact.png", "index.html")]
+    assert printed.split() == [str(tmp_path / "out" / name) for name in ("results.csv", "index.html")]
     assert "pip install 'distributed>=" in shown
     code, rows, printed, _ = batch("[render]", "--json")
     told = json.loads(printed)

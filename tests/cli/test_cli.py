@@ -157,7 +157,7 @@ def test_info_lists_values_and_materials(shared, capsys):
     assert ["left.radius", "1.2345678901234567"] in lines
     assert ["right.center", "3,0,-3"] in lines
     assert ["glass", "left", "right"] in lines
-    assert ["camera", "eye", "4", "x", "3", "pixels"] in lines
+    assert ["camera", "eye", "pixeldim", "4", "3"] in lines
 
 
 @pytest.mark.slow

@@ -67,7 +67,12 @@ def test_the_commands_take_the_example(tmp_path, capsys):
     path.write_text(EXAMPLE)
     assert run("info", str(path)) == 0
     told = capsys.readouterr().out
-    for line in ("camera eye 64 x 48 pixels", "rectangle backdrop of board", "eye.fov 40", "backdrop.right 6,0,0"):
+    for line in (
+        "camera eye pixeldim 64 48",
+        "rectangle backdrop material board",
+        "eye.fov 40",
+        "backdrop.right 6,0,0",
+    ):
         assert line in " ".join(told.split())
     assert run("format", str(path), "-D", "backdrop.center.z=-3", "-D", "eye.fov=50", "-D", "ball.ior=1.4") == 0
     changed = parse_scene(capsys.readouterr().out)

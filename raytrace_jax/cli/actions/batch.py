@@ -59,7 +59,7 @@ def run_batch(command: Batch) -> int:
 
     # The table and the overview are of all jobs of the plan, also of those that were done before.
     rows = make_table(jobs, folder)
-    written = [command.output / path.name for path in [*write_table(rows, folder), *write_overview(jobs, folder)]]
+    written = [command.output / path.name for path in [*write_table(rows, folder), write_overview(jobs, folder)]]
     if command.json:
         sys.stdout.write(json_text({"files": written, "jobs": rows}))
     else:

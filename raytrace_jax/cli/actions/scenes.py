@@ -3,8 +3,6 @@
 import sys
 from collections.abc import Sequence
 
-import numpy as np
-
 from raytrace_jax.cli.console import print_table, stderr_console
 from raytrace_jax.cli.options.scenes import Export, Format, Import, Info, New, Scenes
 from raytrace_jax.cli.preparation import check_file, read_picture_scene, read_scene
@@ -14,11 +12,8 @@ from raytrace_jax.exchange.mitsuba.load import import_scene
 from raytrace_jax.scene import parameters
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 from raytrace_jax.scene.parameters import Block, material_of
-from raytrace_jax.scene.response import FILM, FILM_EFFECTS
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.writer import format_scene, save_scene
-from raytrace_jax.util.digits import format_number
+from raytrace_jax.scene.writer import format_scene, plain_value, save_scene, value_text
 from raytrace_jax.util.files import json_text, write_text
 from raytrace_jax.util.session import jax_session
 
@@ -41,8 +36,7 @@ def run_info(command: Info) -> None:
     with jax_session(64):
         scene = read_scene(command.scene, command.assignments, command.model)
         heads = ("kind", "name", "what")
-        model = command.model or parameters.scene_model(scene)
-        rows = [(block.keyword, block.name, _what(scene, block, model)) for block in parameters.blocks(scene)]
+        rows = [(block.keyword, block.name, _what(scene, block)) for block in parameters.blocks(scene)]
         users: dict[str, list[str]] = {used.name: [] for used in parameters.blocks_of(scene, "material")}
         for shape in parameters.shape_blocks(scene):
             users[material_of(scene, shape).name].append(shape.name)
@@ -53,7 +47,9 @@ def run_info(command: Info) -> None:
             return
         print_table("blocks", heads, rows)
         print()
-        print_table("parameters", ("name", "value"), [(name, _numbers(value)) for name, value in values.items()])
+        # Numbers as -D takes them.
+        texts = [(name, value_text(value).replace(" ", ",")) for name, value in values.items()]
+        print_table("parameters", ("name", "value"), texts)
         print()
         print_table("materials", ("material", "shapes"), [(n, " ".join(shapes) or "-") for n, shapes in users.items()])
 
@@ -64,36 +60,11 @@ def run_scenes(command: Scenes) -> None:
     print_table("scenes", ("name", "what", "file"), rows)
 
 
-def _numbers(value: object) -> str:
-    """Numbers as -D takes them."""
-    return ",".join(map(format_number, np.atleast_1d(np.asarray(value))))
-
-
-def _what(scene: Scene, block: Block, model: ModelName) -> str:
-    if block.type.is_shape:
-        return f"of {material_of(scene, block).name}"
-    if block.keyword == "camera":
-        width, height = scene.camera.pixeldim
-        return f"{width} x {height} pixels"
-    if block.keyword == "light":
-        return "point light"
-    if block.keyword == "material":
-        weight = block.read(scene, "alpha" if model == "classic" else "transmission")
-        kind = "transparent" if weight > 0 else "opaque"
-        texture = block.refers_to(scene, "texture")
-        return f"{kind}, texture {texture.name}" if texture else kind
-    if block.keyword == "texture":
-        file = block.read(scene, "file") if block.type.find("file") else ""
-        return f"image {file}" if file else block.read(scene, "kind")
-    if block.keyword == "background":
-        texture = block.refers_to(scene, "texture")
-        return f"texture {texture.name}" if texture else "one colour"
-    if block.keyword == FILM:
-        effects = [(e, block.read(scene, e.name)) for e in FILM_EFFECTS]
-        said = [f"{e.name} {_numbers(value)}" for e, value in effects if np.any(np.asarray(value) != e.neutral)]
-        return ", ".join(said) or "does nothing"
-    said = [f"{a.name} {block.read(scene, a.name)}" for a in block.type.attributes]
-    return ", ".join(words for words in said if not words.endswith(" None"))
+def _what(scene: Scene, block: Block) -> str:
+    """What a block says beside its parameters, as its file has it."""
+    others = (one for one in block.type.attributes if one.value_type != "number")
+    said = ((one.name, plain_value(scene, block, one)) for one in others)
+    return ", ".join(f"{name} {value_text(value)}" for name, value in said if value is not None)
 
 
 def run_export(command: Export) -> None:

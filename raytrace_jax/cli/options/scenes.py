@@ -106,7 +106,7 @@ class Sweep(shared.PictureCommand):
     bounce: bool = False
     """Go through the values and back again, so that the animation has no jump where it repeats."""
     label: bool = False
-    """Write the name and the value on each frame; frames too small for that get them on a strip below."""
+    """Write the name and the value on a strip below each frame."""
     edges: EdgeMode | None = None
     """What a sample sees. point: one ray; aware: the area around it. Without it what the scene's file says, or point.
     """
@@ -222,7 +222,7 @@ class Export(shared.PictureCommand):
     """
 
     to: Language
-    """pov: POV-Ray's language; mitsuba: XML; mitsuba-dict: a Python program with the dict of mitsuba.load_dict."""
+    """pov: POV-Ray's language; mitsuba: XML, which Mitsuba's Python reads by mitsuba.load_file."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
     """The file to write. Missing folders are made."""
 

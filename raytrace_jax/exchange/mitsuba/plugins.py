@@ -1,4 +1,4 @@
-"""Trees of plugins, which Mitsuba's scenes are, written as XML and as a program in Python."""
+"""Trees of plugins, which Mitsuba's scenes are, written as XML."""
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
@@ -125,53 +125,3 @@ def _add(parent: Element, name: str, value: Value) -> None:
 
 def _row(values: Iterable[float]) -> str:
     return ", ".join(repr(float(value)) for value in values)
-
-
-def python_text(plugins: Sequence[Plugin], lost: Iterable[str], path: str) -> str:
-    """A program that has the scene as the dictionary that `mitsuba.load_dict` takes, and renders it."""
-    lines = [f"# Not as it was: {words}." for words in lost]
-    entries = [f"    {(plugin.name or plugin.tag)!r}: {_literal(plugin, 1)}," for plugin in plugins]
-    body = "\n".join(["SCENE = {", "    'type': 'scene',", *entries, "}"])
-    picture = path.removesuffix(".py") + ".exr"
-    return f'''"""Written by raytrace_jax: SCENE is for `mitsuba.load_dict`.
-
-`python {path}` renders {picture}, scene-linear.
-"""
-
-from pathlib import Path
-
-import mitsuba as mi
-
-if mi.variant() is None:
-    mi.set_variant("scalar_rgb")  # On many cores: "llvm_ad_rgb", which needs LLVM.
-
-HERE = Path(__file__).parent
-{"".join(line + chr(10) for line in lines)}
-{body}
-
-if __name__ == "__main__":
-    mi.util.write_bitmap(str(HERE / {picture!r}), mi.render(mi.load_dict(SCENE)), write_async=False)
-'''
-
-
-def _literal(value: Value, depth: int) -> str:
-    if isinstance(value, Plugin):
-        inner = "    " * (depth + 1)
-        rows = [f"{inner}'type': {value.kind!r},"]
-        rows += [
-            f"{inner}{name!r}: {f'str(HERE / {entry!r})' if name == 'filename' else _literal(entry, depth + 1)},"
-            for name, entry in value.values.items()
-        ]
-        return "\n".join(["{", *rows, "    " * depth + "}"])
-    if isinstance(value, Ref):
-        return f"{{'type': 'ref', 'id': {value.name!r}}}"
-    if isinstance(value, Color):
-        return f"{{'type': 'rgb', 'value': {list(value.values)}}}"
-    if isinstance(value, Point):
-        return repr(list(value.values))
-    if isinstance(value, LookAt):
-        arguments = ", ".join(f"{key}={list(map(float, vector))}" for key, vector in value._asdict().items())
-        return f"mi.ScalarTransform4f().look_at({arguments})"
-    if isinstance(value, Matrix):
-        return f"mi.ScalarTransform4f({np.asarray(value.values).tolist()})"
-    return repr(value)

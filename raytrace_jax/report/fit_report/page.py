@@ -13,7 +13,7 @@ from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report import summary
 from raytrace_jax.report.fit_report.curves import corner_columns
 from raytrace_jax.report.fit_report.figure import COLOURS, Sheet, embed, residual_of
-from raytrace_jax.report.fit_report.methods import methods_text, references
+from raytrace_jax.report.fit_report.methods import methods_text
 from raytrace_jax.report.fit_report.summary import facts, number_text, typeset
 from raytrace_jax.report.panels import SIGNED, as_pixels, page_template, signed_pixels
 
@@ -42,7 +42,7 @@ def setting_text(value: object) -> str:
 
 def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = False) -> str:
     """The report of a fit as the text of one HTML file; `long` writes estimates as `with_error` does then."""
-    filters = {"number": number_text, "error": summary.error_text, "typeset": typeset, "setting": setting_text}
+    filters = {"number": number_text, "error": summary.error_text, "typeset": typeset}
     filters["correlation"] = summary.correlation_text
     # Lines may break behind a name's dots and underscores, but not before a last letter.
     filters["pieces"] = re.compile("(?<=[._])(?=..)").split
@@ -55,6 +55,7 @@ def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = F
     if residual is not None:
         images["fit − target"] = signed_pixels(residual.picture, residual.limit)
     estimate = Minimum(result.history.candidate, result.value, pictures.rms_residual, 0, True, math.nan)
+    used = {"loss": result.given.loss} | summary.used_settings(result.settings)
     return template.render(
         {group: [(*said, embed(image, 64)) for *said, image in cut] for group, cut in sheet.cut.items()},
         result=result,
@@ -74,10 +75,9 @@ def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = F
         minima=[estimate, *result.history.runner_ups[:5]],
         levels=summary.level_labels(result.history.steps),
         convincing=EVIDENCE,
-        settings={"loss": result.given.loss} | summary.used_settings(result.settings),
+        settings=[(name.replace("_", " "), setting_text(value)) for name, value in used.items()],
         provenance=provenance_rows(result),
         versions=summary.versions(),
         methods=methods_text(result, long),
-        references=references(result),
         scene=scene_text,
     )
