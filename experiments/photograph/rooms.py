@@ -127,17 +127,6 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
     uniform = random.uniform
     width, height = PAPERS[truth["paper"]]
     table = -height / 2 - 1.5
-    radius, center = truth["radius"] / 10, np.array(truth["center"]) / 10
-    eye, lookat = np.array(eye) / 10, np.array(lookat) / 10
-    forward = (lookat - eye) / np.linalg.norm(lookat - eye)
-    right = np.cross(forward, [0, 1, 0])
-    right /= np.linalg.norm(right)
-    up = np.cross(right, forward)
-    turn = np.radians(roll)
-    right, up = np.cos(turn) * right + np.sin(turn) * up, np.cos(turn) * up - np.sin(turn) * right
-    across = 2 * np.tan(np.radians(truth["fov"]) / 2) * (MARGIN if any(truth["lens"]) else 1.0)
-    texture = board.with_name(f"{board.stem}_texture.png")
-    pattern = pattern_size(board) / 10 * truth["print_scale"]
     warm, cool = (1.0, 0.86 + 0.1 * uniform(), 0.7 + 0.2 * uniform()), (0.8 + 0.1 * uniform(), 0.92, 1.0)
     window, lamp = uniform(-70, 70), np.array([uniform(-60, 60), uniform(40, 80), uniform(50, 120)])
     walls = [tuple(uniform(0.25, 0.85, 3)) for _ in range(4)]
@@ -145,8 +134,7 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
     hand = np.array([uniform(-1.2, 1.2) * width, uniform(0.8, 1.4) * height, uniform(20, 40)])
     parts = [
         f"#version 3.7; global_settings {{ assumed_gamma 1.0 max_trace_level 12 {RADIOSITY if ball else AMBIENT} }}",
-        f"camera {{ perspective location {v(eye)} direction {v(forward)} right {v(across * right)} "
-        f"up {v(across * SIZE[1] / SIZE[0] * up)} }}",
+        camera(truth, eye, lookat, roll),
         # A window at one side, with the light of the sky, and a lamp above and behind the camera.
         f"light_source {{ {v((window, 60, 150))} color rgb {v(np.multiply(cool, uniform(0.5, 0.8)))} "
         "area_light <40,0,0>, <0,40,0>, 5, 5 adaptive 1 jitter }",
@@ -165,12 +153,7 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
         "plane { <0,-1,0>, -180 pigment { color rgb 0.9 } finish { diffuse 0.8 ambient 0 } }",
         f"plane {{ <0,1,0>, {table} pigment {{ wood color_map {{ [0 color rgb {v(uniform(0.25, 0.5, 3))}] "
         f"[1 color rgb {v(uniform(0.4, 0.6, 3))}] }} scale 3 rotate 88*x }} finish {{ diffuse 0.7 ambient 0 }} }}",
-        # The paper, and the print a little in front of it.
-        f"box {{ {v((-width / 2, -height / 2, -0.4))} {v((width / 2, height / 2, -0.005))} "
-        "pigment { color rgb 0.82 } finish { diffuse 0.9 ambient 0 } }",
-        f'box {{ <0,0,-0.004> <1,1,0> pigment {{ image_map {{ png "{texture}" gamma 1.0 once interpolate 2 }} }} '
-        f"finish {{ diffuse 0.9 ambient 0 }} scale {v((pattern[0], pattern[1], 1))} "
-        f"translate {v((-pattern[0] / 2, -pattern[1] / 2, 0))} }}",
+        *printed(truth, board),
         # A book that leans somewhere, and something above that throws a soft shadow.
         f"box {{ {v((-7, 0, -2))} {v((7, 18, 2))} pigment {{ color rgb {v(uniform(0.1, 0.8, 3))} }} "
         f"finish {{ diffuse 0.8 ambient 0 }} rotate {uniform(0, 90)}*y "
@@ -179,6 +162,7 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
         "finish { diffuse 0.8 ambient 0 } }",
     ]
     if ball:
+        radius, center = truth["radius"] / 10, np.array(truth["center"]) / 10
         parts += [
             f"sphere {{ {v(center)}, {radius} pigment {{ color rgbf <1,1,1,1> }} "
             f"finish {{ ambient 0 diffuse 0 reflection {{ 0, 1 fresnel on }} conserve_energy }} "
@@ -186,6 +170,39 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
             *held(holder, wide * radius, radius, center, table, lamp),
         ]
     return "\n".join(parts)
+
+
+def directions(eye, lookat, roll: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors to the right of a camera, upwards and forwards."""
+    forward = np.subtract(lookat, eye) / np.linalg.norm(np.subtract(lookat, eye))
+    right = np.cross(forward, [0, 1, 0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    turn = np.radians(roll)
+    return np.cos(turn) * right + np.sin(turn) * up, np.cos(turn) * up - np.sin(turn) * right, forward
+
+
+def camera(truth: dict, eye, lookat, roll: float) -> str:
+    """POV-Ray's camera."""
+    right, up, forward = directions(eye, lookat, roll)
+    across = 2 * np.tan(np.radians(truth["fov"]) / 2) * (MARGIN if any(truth["lens"]) else 1.0)
+    return (
+        f"camera {{ perspective location {v(np.array(eye) / 10)} direction {v(forward)} right {v(across * right)} "
+        f"up {v(across * SIZE[1] / SIZE[0] * up)} }}"
+    )
+
+
+def printed(truth: dict, board: Path) -> list[str]:
+    """The paper, and the print a little in front of it."""
+    width, height = PAPERS[truth["paper"]]
+    pattern = pattern_size(board) / 10 * truth["print_scale"]
+    return [
+        f"box {{ {v((-width / 2, -height / 2, -0.4))} {v((width / 2, height / 2, -0.005))} "
+        "pigment { color rgb 0.82 } finish { diffuse 0.9 ambient 0 } }",
+        f'box {{ <0,0,-0.004> <1,1,0> pigment {{ image_map {{ png "{board.with_name(f"{board.stem}_texture.png")}" '
+        "gamma 1.0 once interpolate 2 } } finish { diffuse 0.9 ambient 0 } "
+        f"scale {v((pattern[0], pattern[1], 1))} translate {v((-pattern[0] / 2, -pattern[1] / 2, 0))} }}",
+    ]
 
 
 def held(holder: str, wide: float, radius: float, center, table: float, lamp) -> list[str]:
@@ -297,28 +314,35 @@ def make(number: int, folder: Path) -> None:
             take(room(there, board, there["eye"], there["lookat"], there["roll"], ball=True), there, lens, path)
             path.with_suffix(".json").write_text(json.dumps(there, indent=1))
     # The same camera before the board of the first room that was taken with it, from elsewhere.
-    camera = truth["camera"]
-    first = (camera % len(CAMERAS) or len(CAMERAS)) + (PLAIN if camera >= len(CAMERAS) else 0)
-    truth, board = drawn(first), board_of(first, folder)
-    random = np.random.default_rng(3000 + camera)
+    taken_with = truth["camera"]
+    first = (taken_with % len(CAMERAS) or len(CAMERAS)) + (PLAIN if taken_with >= len(CAMERAS) else 0)
+    calibrate(drawn(first), board_of(first, folder), chain, folder / f"camera_{taken_with}")
+
+
+def calibrate(truth: dict, board: Path, chain: Chain, stem: Path) -> None:
+    """Take tilted pictures of a board by the camera of a truth, `stem_K.jpg`; `stem.txt` names the board."""
+    random = np.random.default_rng(3000 + truth["camera"])
     distance = np.linalg.norm(truth["eye"])
     for k in range(CALIBRATIONS):
-        path = folder / f"camera_{camera}_{k}.jpg"
+        path = stem.with_name(f"{stem.name}_{k}.jpg")
         side, rise = np.radians(random.uniform(25, 40) * (-1) ** k), np.radians(random.uniform(-10, 35))
         toward = np.array([np.sin(side) * np.cos(rise), np.sin(rise), np.cos(side) * np.cos(rise)])
         eye, roll = distance * random.uniform(0.9, 1.1) * toward, float(random.uniform(-20, 20)) + 90 * (k % 2)
         if not path.exists():
-            (folder / f"camera_{camera}.txt").write_text(f"{board.name}\n")
-            take(
-                room(truth, board, eye, (0, 0, 0), roll, ball=False), truth, chain._replace(seed=100 * first + k), path
-            )
+            stem.with_suffix(".txt").write_text(f"{board.name}\n")
+            scene = room(truth, board, eye, (0, 0, 0), roll, ball=False)
+            take(scene, truth, chain._replace(seed=100 * truth["number"] + k), path)
 
 
 def board_of(number: int, folder: Path) -> Path:
     """The board of a room, which is made if it is missing."""
-    board = folder / f"board_{number}.pdf"
+    return made(folder / f"board_{number}.pdf", drawn(number)["paper"])
+
+
+def made(board: Path, paper: str) -> Path:
+    """The text of a board, which is made if its PDF is missing."""
     if not board.exists():
-        command = [sys.executable, "-m", "raytrace_jax", "board", "-o", str(board), "--paper", drawn(number)["paper"]]
+        command = [sys.executable, "-m", "raytrace_jax", "board", "-o", str(board), "--paper", paper]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return board.with_suffix(".txt")
 
