@@ -1,13 +1,12 @@
 """A printed board past and through a tank of a liquid, by POV-Ray: ten photographs, each of its own tank and camera.
 
     python experiments/photograph/tanks.py FOLDER [NUMBER ...]
-    python experiments/photograph/tanks.py FOLDER [NUMBER ...] --check
 
 Needs the program `povray` (Debian package `povray`) and the extra `photo`. A tank is drawn by its number. FOLDER gets
 `tank_N.jpg`, its board `tank_board_N.txt`, the truth, `tank_N.json`, and for a calibration tilted pictures of a board
 by the same camera, `tank_camera_C_K.jpg`, of which `tank_camera_C.txt` names the board; what is there is not made
-again. Nothing of it is the package's but the board's pattern. With --check the corners of the squares are looked for
-in the photographs, where Snell's law for the truth's tank says that they are seen.
+again. Nothing of it is the package's but the board's pattern. At the end the corners of squares are looked for in the
+photograph, where Snell's law for the truth's tank says that they are seen; what they are off is printed.
 
 Lengths of truths are in millimetres, in the board's frame: x to the right, y up, z towards the viewer, the board's
 middle is the origin. `normal` points out of the tank's front, `point` is the middle of its outer front, `axes` are to
@@ -108,9 +107,8 @@ def hidden(truth: dict, points) -> tuple[np.ndarray, np.ndarray]:
     frame = np.array([*truth["axes"], truth["normal"]])
     start, end = (np.array(truth["eye"]) - truth["point"]) @ frame.T, (points - truth["point"]) @ frame.T
     sides = np.array([*truth["half"], truth["thickness"] / 2])
-    middle = np.array([0, 0, -truth["thickness"] / 2])
     # Where along a ray it enters and leaves the slabs between opposite sides.
-    cuts = (np.array([-sides, sides])[:, None] + middle - start) / (end - start)
+    cuts = (np.array([-sides, sides])[:, None] - [0, 0, sides[2]] - start) / (end - start)
     enter, leave = cuts.min(axis=0), cuts.max(axis=0)
     inside = enter.max(axis=-1) < leave.min(axis=-1)
     return inside, inside & (enter.argmax(axis=-1) == 2) & (leave.argmin(axis=-1) == 2)
@@ -210,14 +208,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("numbers", type=int, nargs="*", default=range(1, 11))
-    parser.add_argument("--check", action="store_true")
     given = parser.parse_args()
     folder = given.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     for number in given.numbers:
-        if not given.check:
-            make(number, folder)
-        print(check(number, folder) if given.check else f"tank {number}", flush=True)
+        make(number, folder)
+        print(check(number, folder), flush=True)
 
 
 if __name__ == "__main__":
