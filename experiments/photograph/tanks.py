@@ -195,8 +195,7 @@ def check(number: int, folder: Path) -> str:
     size = pattern_size(folder / f"tank_board_{number}.txt")
     x, y = np.meshgrid(*(np.arange(10, whole - 5, 10) - whole / 2 for whole in size))
     points = truth["print_scale"] * np.stack([x, y, 0 * x], -1).reshape(-1, 3)
-    words = [f"tank {number}"]
-    through, inside = seen(truth, points)
+    words, (through, inside) = [f"tank {number}"], seen(truth, points)
     for name, places in (("through", through[inside]), ("beside", pixels(truth, points)[~hidden(truth, points)[0]])):
         found = cv2.cornerSubPix(image, places[:, None].astype(np.float32), (5, 5), (-1, -1), (3, 50, 1e-3))[:, 0]
         off = np.linalg.norm(found - places, axis=-1)
@@ -209,8 +208,7 @@ def main():
     parser.add_argument("folder", type=Path)
     parser.add_argument("numbers", type=int, nargs="*", default=range(1, 11))
     given = parser.parse_args()
-    folder = given.folder.resolve()
-    folder.mkdir(parents=True, exist_ok=True)
+    (folder := given.folder.resolve()).mkdir(parents=True, exist_ok=True)
     for number in given.numbers:
         make(number, folder)
         print(check(number, folder), flush=True)
