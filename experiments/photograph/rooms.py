@@ -13,30 +13,22 @@ and truths in millimetres.
 
 import argparse
 import json
-import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
-from scipy import ndimage
+from povray import MARGIN, PAPERS, SIZE, any_camera, camera, made, printed, rendered, through_lens, v
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "camera"))
 from chain import Chain, photograph  # noqa: E402
 
-SIZE = (1600, 1200)
-PAPERS = {"a4": (29.7, 21.0), "a3": (42.0, 29.7)}
 CALIBRATIONS = 5
 CAMERAS = (29.3, 38.6, 46.9, 61.7)
 """Full horizontal angles of view, in degrees."""
 
 PLAIN = 12
 """Rooms up to this number are seen through a lens without distortion, whose principal point is the picture's middle."""
-
-MARGIN = 1.2
-"""How much larger a picture is rendered before a lens that bends it."""
 
 WHITE = 0.8
 """Of saturation: how bright the brightest fiftieth of a photograph is."""
@@ -80,15 +72,7 @@ def drawn(number: int) -> dict:
         "paper": paper,
         "print_scale": float(1 + random.normal() * 1e-3),
         "size": SIZE,
-        "chain": {
-            "psf": float(uniform(0.7, 1.2)),
-            "gains": (uniform(0.75, 1.0, 3)).tolist(),
-            "vignetting": float(uniform(0.0, 0.06)),
-            "full_well": 20_000,
-            "read_noise": 6,
-            "quality": int(random.integers(90, 96)),
-            "seed": number,
-        },
+        "chain": any_camera(random, number),
     }
 
 
@@ -127,17 +111,6 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
     uniform = random.uniform
     width, height = PAPERS[truth["paper"]]
     table = -height / 2 - 1.5
-    radius, center = truth["radius"] / 10, np.array(truth["center"]) / 10
-    eye, lookat = np.array(eye) / 10, np.array(lookat) / 10
-    forward = (lookat - eye) / np.linalg.norm(lookat - eye)
-    right = np.cross(forward, [0, 1, 0])
-    right /= np.linalg.norm(right)
-    up = np.cross(right, forward)
-    turn = np.radians(roll)
-    right, up = np.cos(turn) * right + np.sin(turn) * up, np.cos(turn) * up - np.sin(turn) * right
-    across = 2 * np.tan(np.radians(truth["fov"]) / 2) * (MARGIN if any(truth["lens"]) else 1.0)
-    texture = board.with_name(f"{board.stem}_texture.png")
-    pattern = pattern_size(board) / 10 * truth["print_scale"]
     warm, cool = (1.0, 0.86 + 0.1 * uniform(), 0.7 + 0.2 * uniform()), (0.8 + 0.1 * uniform(), 0.92, 1.0)
     window, lamp = uniform(-70, 70), np.array([uniform(-60, 60), uniform(40, 80), uniform(50, 120)])
     walls = [tuple(uniform(0.25, 0.85, 3)) for _ in range(4)]
@@ -145,8 +118,7 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
     hand = np.array([uniform(-1.2, 1.2) * width, uniform(0.8, 1.4) * height, uniform(20, 40)])
     parts = [
         f"#version 3.7; global_settings {{ assumed_gamma 1.0 max_trace_level 12 {RADIOSITY if ball else AMBIENT} }}",
-        f"camera {{ perspective location {v(eye)} direction {v(forward)} right {v(across * right)} "
-        f"up {v(across * SIZE[1] / SIZE[0] * up)} }}",
+        camera(truth, eye, lookat, roll),
         # A window at one side, with the light of the sky, and a lamp above and behind the camera.
         f"light_source {{ {v((window, 60, 150))} color rgb {v(np.multiply(cool, uniform(0.5, 0.8)))} "
         "area_light <40,0,0>, <0,40,0>, 5, 5 adaptive 1 jitter }",
@@ -165,12 +137,7 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
         "plane { <0,-1,0>, -180 pigment { color rgb 0.9 } finish { diffuse 0.8 ambient 0 } }",
         f"plane {{ <0,1,0>, {table} pigment {{ wood color_map {{ [0 color rgb {v(uniform(0.25, 0.5, 3))}] "
         f"[1 color rgb {v(uniform(0.4, 0.6, 3))}] }} scale 3 rotate 88*x }} finish {{ diffuse 0.7 ambient 0 }} }}",
-        # The paper, and the print a little in front of it.
-        f"box {{ {v((-width / 2, -height / 2, -0.4))} {v((width / 2, height / 2, -0.005))} "
-        "pigment { color rgb 0.82 } finish { diffuse 0.9 ambient 0 } }",
-        f'box {{ <0,0,-0.004> <1,1,0> pigment {{ image_map {{ png "{texture}" gamma 1.0 once interpolate 2 }} }} '
-        f"finish {{ diffuse 0.9 ambient 0 }} scale {v((pattern[0], pattern[1], 1))} "
-        f"translate {v((-pattern[0] / 2, -pattern[1] / 2, 0))} }}",
+        *printed(truth, board),
         # A book that leans somewhere, and something above that throws a soft shadow.
         f"box {{ {v((-7, 0, -2))} {v((7, 18, 2))} pigment {{ color rgb {v(uniform(0.1, 0.8, 3))} }} "
         f"finish {{ diffuse 0.8 ambient 0 }} rotate {uniform(0, 90)}*y "
@@ -179,6 +146,7 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
         "finish { diffuse 0.8 ambient 0 } }",
     ]
     if ball:
+        radius, center = truth["radius"] / 10, np.array(truth["center"]) / 10
         parts += [
             f"sphere {{ {v(center)}, {radius} pigment {{ color rgbf <1,1,1,1> }} "
             f"finish {{ ambient 0 diffuse 0 reflection {{ 0, 1 fresnel on }} conserve_energy }} "
@@ -239,47 +207,6 @@ RADIOSITY = (
 AMBIENT = "ambient_light rgb 0.3"
 
 
-def v(values) -> str:
-    """A POV-Ray vector."""
-    return "<" + ", ".join(f"{float(x):.9g}" for x in values) + ">"
-
-
-def pattern_size(board: Path) -> np.ndarray:
-    """Width and height of the pattern in millimetres, as the board's file says."""
-    words = board.read_text().split()
-    right, up = words.index("right"), words.index("up")
-    return 2 * np.array([float(words[right + 1]), float(words[up + 2])])
-
-
-def through_lens(light: np.ndarray, fov: float, lens: list[float]) -> np.ndarray:
-    """The light behind a lens, of `SIZE`, from that of a picture that is larger by `MARGIN`."""
-    k1, k2, right, down = lens
-    focal = SIZE[0] / (2 * np.tan(np.radians(fov) / 2))
-    row, column = np.mgrid[: SIZE[1], : SIZE[0]]
-    middle = (np.array(SIZE) - 1) / 2 + np.array([right, down]) * SIZE[0]
-    bent = np.stack([column - middle[0], row - middle[1]]) / focal
-    # The model says where a straight ray's pixel lies; its inverse by a fixed point.
-    straight = bent
-    for _ in range(50):
-        squared = np.sum(straight**2, axis=0)
-        straight = bent / (1 + k1 * squared + k2 * squared**2)
-    place = straight * focal + (np.array(light.shape[:0:-1]) - 1)[:, None, None] / 2
-    return np.stack([ndimage.map_coordinates(plane, place[::-1], order=3, mode="nearest") for plane in light])
-
-
-def rendered(text: str, size: tuple[int, int]) -> np.ndarray:
-    """The light of a scene, "3 height width"."""
-    with tempfile.TemporaryDirectory() as folder:
-        scene, picture = Path(folder) / "a.pov", Path(folder) / "a.png"
-        scene.write_text(text)
-        command = ["povray", f"+I{scene}", f"+O{picture}", f"+W{size[0]}", f"+H{size[1]}", "+FN16", "File_Gamma=1.0"]
-        quality = ["+A0.03", "+AM2", "+R2", "-J", "-D", "-GA", "+WT2"]
-        subprocess.run([*command, *quality], check=True, capture_output=True)
-        pixels = oiio.ImageBuf(str(picture)).get_pixels(oiio.FLOAT)
-        assert pixels is not None
-        return np.moveaxis(pixels[..., :3].astype(float), -1, 0)
-
-
 def make(number: int, folder: Path) -> None:
     """Make a room's board, its photograph, the pictures for a calibration and its truth."""
     folder = folder.resolve()
@@ -297,30 +224,29 @@ def make(number: int, folder: Path) -> None:
             take(room(there, board, there["eye"], there["lookat"], there["roll"], ball=True), there, lens, path)
             path.with_suffix(".json").write_text(json.dumps(there, indent=1))
     # The same camera before the board of the first room that was taken with it, from elsewhere.
-    camera = truth["camera"]
-    first = (camera % len(CAMERAS) or len(CAMERAS)) + (PLAIN if camera >= len(CAMERAS) else 0)
-    truth, board = drawn(first), board_of(first, folder)
-    random = np.random.default_rng(3000 + camera)
+    taken_with = truth["camera"]
+    first = (taken_with % len(CAMERAS) or len(CAMERAS)) + (PLAIN if taken_with >= len(CAMERAS) else 0)
+    calibrate(drawn(first), board_of(first, folder), chain, folder / f"camera_{taken_with}")
+
+
+def calibrate(truth: dict, board: Path, chain: Chain, stem: Path) -> None:
+    """Take tilted pictures of a board by the camera of a truth, `stem_K.jpg`; `stem.txt` names the board."""
+    random = np.random.default_rng(3000 + truth["camera"])
     distance = np.linalg.norm(truth["eye"])
     for k in range(CALIBRATIONS):
-        path = folder / f"camera_{camera}_{k}.jpg"
+        path = stem.with_name(f"{stem.name}_{k}.jpg")
         side, rise = np.radians(random.uniform(25, 40) * (-1) ** k), np.radians(random.uniform(-10, 35))
         toward = np.array([np.sin(side) * np.cos(rise), np.sin(rise), np.cos(side) * np.cos(rise)])
         eye, roll = distance * random.uniform(0.9, 1.1) * toward, float(random.uniform(-20, 20)) + 90 * (k % 2)
         if not path.exists():
-            (folder / f"camera_{camera}.txt").write_text(f"{board.name}\n")
-            take(
-                room(truth, board, eye, (0, 0, 0), roll, ball=False), truth, chain._replace(seed=100 * first + k), path
-            )
+            stem.with_suffix(".txt").write_text(f"{board.name}\n")
+            scene = room(truth, board, eye, (0, 0, 0), roll, ball=False)
+            take(scene, truth, chain._replace(seed=100 * truth["number"] + k), path)
 
 
 def board_of(number: int, folder: Path) -> Path:
     """The board of a room, which is made if it is missing."""
-    board = folder / f"board_{number}.pdf"
-    if not board.exists():
-        command = [sys.executable, "-m", "raytrace_jax", "board", "-o", str(board), "--paper", drawn(number)["paper"]]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return board.with_suffix(".txt")
+    return made(folder / f"board_{number}.pdf", drawn(number)["paper"])
 
 
 def take(text: str, truth: dict, chain: Chain, path: Path) -> None:

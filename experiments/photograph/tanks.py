@@ -1,0 +1,218 @@
+"""A printed board past and through a tank of a liquid, by POV-Ray: ten photographs, each of its own tank and camera.
+
+    python experiments/photograph/tanks.py FOLDER [NUMBER ...]
+
+Needs the program `povray` (Debian package `povray`) and the extra `photo`. A tank is drawn by its number. FOLDER gets
+`tank_N.jpg`, its board `tank_board_N.txt`, the truth, `tank_N.json`, and for a calibration tilted pictures of a board
+by the same camera, `tank_camera_C_K.jpg`, of which `tank_camera_C.txt` names the board; what is there is not made
+again. Nothing of it is the package's but the board's pattern. At the end the corners of squares are looked for in the
+photograph, where Snell's law for the truth's tank says that they are seen; what they are off is printed.
+
+Lengths of truths are in millimetres, in the board's frame: x to the right, y up, z towards the viewer, the board's
+middle is the origin. `normal` points out of the tank's front, `point` is the middle of its outer front, `axes` are to
+the right along it and up, and `half` is half its size along these. `thickness` is from outer front to outer back,
+`gap` from the board to the nearest point of the back. A tank is closed, full, and of one thickness of wall all around.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+from povray import PAPERS, SIZE, any_camera, camera, made, pattern_size, pixels, printed, rendered, v
+from rooms import CAMERAS, WHITE, Chain, calibrate, photograph
+
+PAPER = "a4"
+"""Markers of an A3 board would have less than twenty pixels."""
+
+VIEWS = CAMERAS[::2]
+"""Full horizontal angles of view of the cameras, in degrees; number modulo their count is a photograph's camera."""
+
+WITHOUT_WALLS = (3, 6, 9)
+TOUCHING = 5
+"""Numbers modulo ten. A tank that touches the board and is parallel to it tells index and thickness only together."""
+
+COVERED = (0.35, 0.6)
+"""Share of the paper before which the tank is seen; at least two thirds of it behind both front and back."""
+
+
+def drawn(number: int) -> dict:
+    """The truth of a tank, by its number: drawn until the tank covers as much of the board as it should."""
+    random = np.random.default_rng(8000 + number)
+    width, height = 10 * np.array(PAPERS[PAPER])
+    x, y = np.meshgrid(width * (np.arange(60) / 59 - 0.5), height * (np.arange(42) / 41 - 0.5))
+    points = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
+    for _ in range(10_000):
+        truth = once(number, random)
+        tank, faces = (float(which.mean()) for which in hidden(truth, points))
+        if COVERED[0] < tank < COVERED[1] and faces > tank * 2 / 3:
+            return truth | {"covered": tank}
+    raise RuntimeError(f"tank {number}: no place was found")
+
+
+def once(number: int, random: np.random.Generator) -> dict:
+    """One try of a tank and its camera."""
+    uniform = random.uniform
+    width, height = 10 * np.array(PAPERS[PAPER])
+    touches, walled = number % 10 == TOUCHING, number % 10 not in WITHOUT_WALLS
+    tilt, turn = 0.0 if touches else np.radians(uniform(0, 8)), uniform(0, 2 * np.pi)
+    normal = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    right = np.cross([0, 1, 0], normal)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(normal, right)])
+    half = np.array([uniform(0.15, 0.4) * width, uniform(0.3, 0.6) * height])
+    gap, thickness = 0.01 if touches else uniform(1, 40), uniform(40, 120)
+    # The corner of the back that comes nearest to the board is as far from it as the gap.
+    back = np.array([uniform(-0.4, 0.4) * width, uniform(-0.15, 0.15) * height, gap + half @ np.abs(axes[:, 2])])
+    taken_with = number % len(VIEWS)
+    aside, rise = np.radians(uniform(0, 30)), np.radians(uniform(0, 60))
+    toward = np.sin(aside) * np.array([random.choice([-1, 1]) * np.cos(rise), np.sin(rise), 1 / np.tan(aside)])
+    lookat = np.array([uniform(-0.03, 0.03) * width, uniform(-0.03, 0.03) * height, 0.0])
+    truth = {
+        "number": number,
+        "ior": round(float(uniform(1.3, 1.6)), 4),
+        "thickness": float(thickness),
+        "wall": float(uniform(2, 5)) if walled else 0.0,
+        "wall_ior": float(random.choice([1.49, 1.52])) if walled else None,
+        "normal": normal.tolist(),
+        "point": (back + thickness * normal).tolist(),
+        "gap": float(gap),
+        "axes": axes.tolist(),
+        "half": half.tolist(),
+        "lookat": lookat.tolist(),
+        "roll": float(uniform(-3, 3)),
+        "camera": taken_with,
+        "lens": [0.0, 0.0, 0.0, 0.0],
+        "fov": VIEWS[taken_with],
+        "paper": PAPER,
+        "print_scale": (scale := float(1 + random.normal() * 1e-3)),
+        "ruler": 100 * scale,
+        "size": SIZE,
+        "chain": any_camera(random, number),
+    }
+    # As near as the whole paper lets it come.
+    paper = np.array([[x * width / 2, y * height / 2, 0] for x in (-1, 1) for y in (-1, 1)])
+    margin = uniform(0.01, 0.05) * SIZE[0]
+    distance = 0.5 * width / np.tan(np.radians(truth["fov"]) / 2)
+    while True:
+        truth["eye"] = (lookat + distance * toward).tolist()
+        if np.all(np.abs(pixels(truth, paper) - (np.array(SIZE) - 1) / 2) < np.array(SIZE) / 2 - margin):
+            return truth
+        distance *= 1.01
+
+
+def hidden(truth: dict, points) -> tuple[np.ndarray, np.ndarray]:
+    """Which points of the board have the tank before them, on a straight ray, and which both its front and back."""
+    frame = np.array([*truth["axes"], truth["normal"]])
+    start, end = (np.array(truth["eye"]) - truth["point"]) @ frame.T, (points - truth["point"]) @ frame.T
+    sides = np.array([*truth["half"], truth["thickness"] / 2])
+    # Where along a ray it enters and leaves the slabs between opposite sides.
+    cuts = (np.array([-sides, sides])[:, None] - [0, 0, sides[2]] - start) / (end - start)
+    enter, leave = cuts.min(axis=0), cuts.max(axis=0)
+    inside = enter.max(axis=-1) < leave.min(axis=-1)
+    return inside, inside & (enter.argmax(axis=-1) == 2) & (leave.argmin(axis=-1) == 2)
+
+
+def scene(truth: dict, board: Path) -> str:
+    """The text of a POV-Ray scene, in centimetres."""
+    random = np.random.default_rng(9000 + truth["number"])
+    uniform = random.uniform
+    point, half, wall = np.array(truth["point"]) / 10, np.array(truth["half"]) / 10, truth["wall"] / 10
+    matrix = ", ".join(f"{x:.9g}" for x in np.ravel([*truth["axes"], truth["normal"], point]))
+    matt = "finish { diffuse 0.8 }"
+    table = min(-PAPERS[PAPER][1] / 2, point[1] - 1.2 * half[1] - 2) - 1.5
+
+    def box(inset: float, ior: float) -> str:
+        low, high = (*(inset - half), inset - truth["thickness"] / 10), (*(half - inset), -inset)
+        return (
+            f"box {{ {v(low)} {v(high)} matrix <{matrix}> pigment {{ color rgbf 1 }} "
+            "finish { ambient 0 diffuse 0 reflection { 0, 1 fresnel on } conserve_energy } "
+            f"interior {{ ior {ior} }} no_shadow }}"
+        )
+
+    lamps = [
+        f"light_source {{ {v((side * uniform(30, 90), uniform(20, 90), uniform(80, 150)))} "
+        f"color rgb {v(uniform(0.7, 1.0, 3) * uniform(0.3, 0.8))} "
+        "area_light <20,0,0>, <0,20,0>, 4, 4 adaptive 1 jitter fade_distance 150 fade_power 2 }"
+        for side in (-1, 1)
+    ]
+    return "\n".join(
+        [
+            "#version 3.7; global_settings { assumed_gamma 1.0 max_trace_level 12 }",
+            camera(truth, truth["eye"], truth["lookat"], truth["roll"]),
+            *lamps,
+            # A pale sky, which is what the tank mirrors.
+            f"sky_sphere {{ pigment {{ gradient y color_map {{ [0 color rgb {v(uniform(0.1, 0.3, 3))}] "
+            f"[1 color rgb {v(uniform(0.3, 0.6, 3))}] }} scale 2 translate -y }} }}",
+            f"plane {{ z, {-uniform(8, 40)} pigment {{ color rgb {v(uniform(0.3, 0.8, 3))} }} {matt} }}",
+            f"plane {{ y, {table} pigment {{ color rgb {v(uniform(0.2, 0.6, 3))} }} {matt} }}",
+            *printed(truth, board),
+            *([box(0.0, truth["wall_ior"])] if wall else []),
+            box(wall, truth["ior"]),
+        ]
+    )
+
+
+def make(number: int, folder: Path) -> None:
+    """Make a tank's board, its photograph, the pictures for a calibration and the truth."""
+    truth, board = drawn(number), made(folder / f"tank_board_{number}.pdf", PAPER)
+    chain = Chain(**{**truth["chain"], "gains": tuple(truth["chain"]["gains"])})
+    path = folder / f"tank_{number}.jpg"
+    if not path.exists():
+        light = rendered(scene(truth, board), SIZE)
+        photograph(WHITE / np.percentile(light, 98) * light, chain, path)
+        path.with_suffix(".json").write_text(json.dumps(truth, indent=1))
+    first = truth["camera"] or len(VIEWS)
+    board = made(folder / f"tank_board_{first}.pdf", PAPER)
+    calibrate(drawn(first), board, chain, folder / f"tank_camera_{truth['camera']}")
+
+
+def seen(truth: dict, points) -> tuple[np.ndarray, np.ndarray]:
+    """Where points of the board are seen through front and back, "n 2", and which of them are."""
+    eye, normal, thickness, wall = np.array(truth["eye"]), np.array(truth["normal"]), truth["thickness"], truth["wall"]
+    layers = [(wall, truth["wall_ior"] or 1.0), (thickness - 2 * wall, truth["ior"]), (wall, truth["wall_ior"] or 1.0)]
+    away = points - eye
+    height = -(away @ normal)[:, None]
+    sideways = away + height * normal
+    # How far a ray goes sideways for each millimetre towards the board: in air, and for a layer by Snell's law.
+    slope, depths = sideways / height, np.zeros((3, len(points), 1))
+    for _ in range(50):
+        squared = np.sum(slope**2, axis=-1, keepdims=True)
+        depths = np.array([t / np.sqrt(n**2 * (1 + squared) - squared) for t, n in layers])
+        slope = sideways / (height - thickness + depths.sum(axis=0))
+    front = eye - truth["point"] + ((eye - truth["point"]) @ normal) * (slope - normal)
+    places = np.array([front + slope * depths[:k].sum(axis=0) for k in range(4)]) @ np.array(truth["axes"]).T
+    inside = np.all(np.abs(places) < np.array(truth["half"]) - wall - 2, axis=(0, 2))
+    return pixels(truth, eye + slope - normal), inside
+
+
+def check(number: int, folder: Path) -> str:
+    """How far from their places by the truth the corners of squares are found, in pixels."""
+    truth = json.loads((folder / f"tank_{number}.json").read_text())
+    image = cv2.imread(str(folder / f"tank_{number}.jpg"), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    size = pattern_size(folder / f"tank_board_{number}.txt")
+    x, y = np.meshgrid(*(np.arange(10, whole - 5, 10) - whole / 2 for whole in size))
+    points = truth["print_scale"] * np.stack([x, y, 0 * x], -1).reshape(-1, 3)
+    words, (through, inside) = [f"tank {number}"], seen(truth, points)
+    for name, places in (("through", through[inside]), ("beside", pixels(truth, points)[~hidden(truth, points)[0]])):
+        found = cv2.cornerSubPix(image, places[:, None].astype(np.float32), (5, 5), (-1, -1), (3, 50, 1e-3))[:, 0]
+        off = np.linalg.norm(found - places, axis=-1)
+        words.append(f"{name} {len(places)} corners, median {np.median(off):.3f}, 90 % {np.percentile(off, 90):.3f}")
+    return ", ".join(words)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("numbers", type=int, nargs="*", default=range(1, 11))
+    given = parser.parse_args()
+    (folder := given.folder.resolve()).mkdir(parents=True, exist_ok=True)
+    for number in given.numbers:
+        make(number, folder)
+        print(check(number, folder), flush=True)
+
+
+if __name__ == "__main__":
+    main()
