@@ -81,29 +81,33 @@ def off(x: Float[np.ndarray, "9"], thickness: float, wall: float, pose: tuple[fl
 
 def read(thickness: float, wall: float, pose: tuple[float, float]) -> tuple[float, float, float]:
     """Index, its standard deviation by the corners' scatter, and that scatter in pixels."""
-    scatter, x, count = 0.5, np.array([0.0] * 8 + [1.33]), 2 * len(CORNERS)
-    for _ in range(3):
+    scatter, count = 0.5, 2 * len(CORNERS)
 
-        def rows(x, scatter=scatter):
-            found = off(x, thickness, wall, pose)
-            return np.append(found[:count] / scatter, found[count:])
+    def rows(x: Float[np.ndarray, "9"], scatter: float) -> np.ndarray:
+        found = off(x, thickness, wall, pose)
+        return np.append(found[:count] / scatter, found[count:])
 
-        found = least_squares(rows, x, x_scale=np.array([1.0] * 6 + [0.01] * 3), diff_step=1e-6)
-        x = found.x
-        scatter = float(np.sqrt(np.mean((found.fun[:count] * scatter) ** 2)))
+    def solve(x: Float[np.ndarray, "9"], scatter: float):
+        scale = np.array([1.0] * 6 + [0.01] * 3)
+        return least_squares(rows, x, x_scale=scale, diff_step=1e-6, args=(scatter,))
+
+    # The scatter follows from the misses, and the misses a little from the scatter.
+    found = solve(np.array([0.0] * 8 + [1.33]), scatter)
+    for _ in range(2):
+        scatter *= float(np.sqrt(np.mean(found.fun[:count] ** 2)))
+        found = solve(found.x, scatter)
     covariance = np.linalg.inv(found.jac.T @ found.jac)
-    return float(x[8]), float(np.sqrt(covariance[8, 8])), scatter
+    return float(found.x[8]), float(np.sqrt(covariance[8, 8])), scatter
 
 
 if __name__ == "__main__":
     print("pose known to        260 mm are             index of water   scatter [px]")
-    for mrad, shift in ((1e-3, 0.5), (2e-3, 2.0)):
+    for radians, shift in ((1e-3, 0.5), (2e-3, 2.0)):
         for words, thickness, wall in (
             ("without walls", THICKNESS, 0.0),
             *((f"outside, walls {w} mm", THICKNESS, w) for w in (5.0, 10.0)),
             *((f"inside, walls {w} mm", THICKNESS + 2 * w, w) for w in (5.0, 10.0)),
         ):
-            index, error, scatter = read(thickness, wall, (mrad, shift))
-            print(
-                f"{1e3 * mrad:g} mrad, {shift} mm    {words:22s} {index:.4f} +- {error:.4f}   {scatter:.3f}", flush=True
-            )
+            index, error, scatter = read(thickness, wall, (radians, shift))
+            known = f"{1e3 * radians:g} mrad, {shift} mm"
+            print(f"{known:18s}   {words:22s} {index:.4f} +- {error:.4f}   {scatter:.3f}", flush=True)

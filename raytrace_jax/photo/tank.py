@@ -76,15 +76,12 @@ def layers_of(photograph: Photograph, board: CharucoBoard, lens: LensPrior) -> L
             f"{photograph.name}: all markers of {board.path} that are seen lie in one plane: either none is seen "
             "through the tank, or none beside it. Photograph so that half of the board is seen through the tank."
         )
-    (_, beside), (_, behind) = sorted(found, key=lambda one: one[0])
-    is_direct, is_through = (a < np.minimum(near, b / 3) for a, b in ((beside, behind), (behind, beside)))
+    (_, far), (_, nearer) = sorted(found, key=lambda one: one[0])
+    is_direct, is_through = far < np.minimum(near, nearer / 3), nearer < np.minimum(near, far / 3)
     through = corners[is_through].reshape(-1, 2)
     seen = Corners(through, board.markers[markers[is_through]].reshape(-1, 2), np.full(len(through), 0.5))
-    parts = (
-        _part(board, markers[mine], markers[others])
-        for mine, others in ((is_direct, ~is_direct), (is_through, ~is_through))
-    )
-    return Layers(*parts, seen)
+    direct, behind = (_part(board, markers[mine], markers[~mine]) for mine in (is_direct, is_through))
+    return Layers(direct, behind, seen)
 
 
 def _part(board: CharucoBoard, markers: np.ndarray, others: np.ndarray) -> CharucoBoard:
