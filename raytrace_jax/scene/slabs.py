@@ -21,9 +21,8 @@ def surface_owners(scene: Scene) -> dict[str, int]:
 
     No name in a file has a space.
     """
-    order = enumerate(scene.shape_order)
-    parts = ((k, [f"{name} {part}" for part in PARTS] if name in scene.slabs.names else [name]) for k, name in order)
-    return {surface: k for k, surfaces in parts for surface in surfaces}
+    ends = {name: [f"{name} {part}" for part in PARTS] for name in scene.slabs.names}
+    return {surface: k for k, name in enumerate(scene.shape_order) for surface in ends.get(name, [name])}
 
 
 def with_planes(scene: Scene) -> Scene:
@@ -36,18 +35,14 @@ def with_planes(scene: Scene) -> Scene:
     if not slabs.names:
         return scene
     count, dtype = len(slabs.names), slabs.thickness.dtype
-    clear = {"ior": jnp.append(slabs.wall_ior, jnp.ones(1, dtype)), "transmission": jnp.ones(count + 1, dtype)}
-    numbers = {
-        one.name: jnp.concatenate(
-            [getattr(old, one.name), clear.get(one.name, jnp.zeros((*one.shape, count + 1), dtype))], axis=-1
-        )
-        for one in BLOCK_TYPES["material"][0].continuous
-    }
+    new = {one.name: jnp.zeros((*one.shape, count + 1), dtype) for one in BLOCK_TYPES["material"][0].continuous}
+    new |= {"ior": jnp.append(slabs.wall_ior, jnp.ones(1, dtype)), "transmission": jnp.ones(count + 1, dtype)}
+    numbers = {name: jnp.concatenate([getattr(old, name), values], axis=-1) for name, values in new.items()}
     names = (*old.names, *(f"{name} wall" for name in slabs.names), "air behind")
     materials = Materials(names=names, texture=(*old.texture, *[NO_BLOCK] * (count + 1)), **numbers)
 
     def columns(group) -> tuple[int, ...]:
-        """The materials of shapes: those of other types come after the new ones."""
+        # Materials of other types come after the new ones.
         return tuple(column + (count + 1) * (column >= len(old.names)) for column in group.material)
 
     walls, air = tuple(range(len(old.names), len(names) - 1)), (len(names) - 1,) * count
@@ -63,8 +58,9 @@ def with_planes(scene: Scene) -> Scene:
         normal=jnp.concatenate([scene.planes.normal, normal.reshape(3, -1)], axis=-1),
         point=jnp.concatenate([scene.planes.point, point.reshape(3, -1)], axis=-1),
     )
-    others = {name: getattr(scene, name) for name in ("spheres", "rectangles")}
-    others = {name: dataclasses.replace(group, material=columns(group)) for name, group in others.items()}
     none = jax.tree.map(lambda x: x[..., :0], dataclasses.replace(slabs, names=(), material=()))
-    order = tuple(surface_owners(scene))
-    return dataclasses.replace(scene, materials=materials, planes=planes, slabs=none, shape_order=order, **others)
+    parts = {"materials": materials, "planes": planes, "slabs": none, "shape_order": tuple(surface_owners(scene))}
+    for name in ("spheres", "rectangles"):
+        group = getattr(scene, name)
+        parts[name] = dataclasses.replace(group, material=columns(group))
+    return dataclasses.replace(scene, **parts)

@@ -6,13 +6,14 @@ from command_line import run
 
 import raytrace_jax as rj
 from raytrace_jax.scene.checks import scene_warnings
+from raytrace_jax.scene.setting_words import ModelName
 
 HEAD = "camera eye { pixeldim 8 6 viewpoint 0 0 5 lookat 0 0 0 } background sky { radiance 1 1 1 } "
 WATER = "material water { transmission 1 ior 1.333 } "
 TANK = "slab tank { material water point 0 0 1 normal 0 0 2 thickness 2 wall 0.1 wall_ior 1.49 }"
 
 
-def parsed(text=TANK, model="physical"):
+def parsed(text=TANK, model: ModelName = "physical"):
     return rj.parse_scene(HEAD + WATER + text, model=model, dtype=np.float64)
 
 
@@ -33,7 +34,7 @@ def test_bad_slabs_are_refused(said, instead, words):
 
 
 def test_walls_stay_thinner_than_their_slab():
-    with pytest.raises(rj.ParameterError, match="'tank.thickness': two walls of 0.1 must be less"):
+    with pytest.raises(rj.ParameterError, match=r"'tank.thickness': two walls of 0.1 must be less"):
         rj.set_parameters(parsed(), {"tank.thickness": 0.2})
     assert float(rj.set_parameters(parsed(), {"tank.thickness": 1, "tank.wall": 0.4})["tank.ior"]) == 1.333
 
