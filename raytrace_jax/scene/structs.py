@@ -293,9 +293,9 @@ class Slabs(eqx.Module):
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    material: tuple[int, ...] = _column()
-    point: Float[Array, "3 slabs"] = _point()
-    normal: Float[Array, "3 slabs"] = attribute(XYZ, limit=NOT_ALL_ZERO)
-    thickness: Float[Array, " slabs"] = attribute(limit=POSITIVE, quantity=LENGTH)
-    wall: Float[Array, " slabs"] = _scalar(0.0, NOT_NEGATIVE, LENGTH)
-    wall_ior: Float[Array, " slabs"] = _index(default=(1.5,))
+    material: tuple[int, ...] = _column(only=("physical",))
+    point: Float[Array, "3 slabs"] = attribute(XYZ, quantity=VECTOR, only=("physical",))
+    normal: Float[Array, "3 slabs"] = attribute(XYZ, limit=NOT_ALL_ZERO, only=("physical",))
+    thickness: Float[Array, " slabs"] = attribute(limit=POSITIVE, quantity=LENGTH, only=("physical",))
+    wall: Float[Array, " slabs"] = _scalar(0.0, NOT_NEGATIVE, LENGTH, only=("physical",))
+    wall_ior: Float[Array, " slabs"] = _index(default=(1.5,), only=("physical",))
