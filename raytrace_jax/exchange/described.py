@@ -15,6 +15,7 @@ from raytrace_jax.scene.parameters import Block, blocks_of, material_of, shape_b
 from raytrace_jax.scene.response import FILM_EFFECTS, without_idle
 from raytrace_jax.scene.rows import Description
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene
+from raytrace_jax.scene.slabs import with_planes
 from raytrace_jax.tracer.geometry.camera import pixel_step, ray
 from raytrace_jax.tracer.geometry.plane import LEVEL
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -158,7 +159,7 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
         )
     if settings.crop is not None or settings.binning != 1:
         raise SceneError("a whole picture is exported, without crop and binning.")
-    lost = []
+    scene, lost = with_planes(scene), []
     shapes = tuple(
         Shape(block.keyword, block.name, _numbers(scene, block), _material(scene, material_of(scene, block), lost))
         for block in shape_blocks(scene)

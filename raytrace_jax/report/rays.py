@@ -15,6 +15,7 @@ from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.panels import as_pixels, drawable
 from raytrace_jax.scene.parameters import blocks_of
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.slabs import with_planes
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes, shape_materials
 from raytrace_jax.tracer.geometry.shapes import CuttingPlane, Section
 from raytrace_jax.tracer.ray_tree import KINDS, RayNode, RayTree
@@ -90,7 +91,7 @@ def draw_tree(
     `least` in the pixel are left out.
     """
     # The plane of the drawing is the one nearest to the hits that are drawn, or to the way of a ray that hits nothing.
-    settings = resolve_settings(scene, settings)
+    scene, settings = with_planes(scene), resolve_settings(scene, settings)
     tree = tree._replace(nodes=tuple(node for node in tree.nodes if node.weight >= least))
     root = tree.nodes[0]
     hits = [node.p for node in tree.nodes if node.shape is not None]

@@ -10,6 +10,7 @@ from raytrace_jax.scene.parameters import attribute_values, material_of, shape_b
 from raytrace_jax.scene.scene import Scene, least_distance, world_length
 from raytrace_jax.scene.schema import RGB
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.slabs import surface_owners, with_planes
 from raytrace_jax.scene.structs import NOT_ALL_ZERO, POSITIVE, ImagePlaneCamera
 from raytrace_jax.util.numerics import is_traced
 from raytrace_jax.util.text import listed
@@ -46,7 +47,7 @@ def check_values(scene: Scene) -> None:
         if shape.keyword == "rectangle" and _is_set(material.read(scene, "transmission")):
             raise SceneError(
                 f"rectangle {shape.name!r}: its material {material.name!r} lets light through, and a rectangle has no "
-                "inside: glass is a sphere, or a plane with all that is behind it; docs/physical.md has a slab of two."
+                "inside: glass is a sphere, a slab, or a plane with all that is behind it."
             )
     # What can be written to may be another scene the next time.
     _checked[:] = leaves if all(isinstance(leaf, jax.Array) for leaf in leaves) else ()
@@ -78,6 +79,7 @@ def scene_warnings(scene: Scene, model: ModelName) -> list[str]:
 
 def _unresolved_glass(scene: Scene) -> list[str]:
     """Balls and planes of glass that are nearer to the surface of another one, or to the camera, than rays can tell."""
+    given, scene = scene, with_planes(scene)
     shapes = [shape for shape in shape_blocks(scene) if shape.keyword != "rectangle"]
     glass = {shape.name for shape in shapes if _is_set(material_of(scene, shape).read(scene, "transmission"))}
     if not glass:
@@ -100,8 +102,12 @@ def _unresolved_glass(scene: Scene) -> list[str]:
             surfaces.append([*(length * normal), to_camera, 0.0])
         if shape.name in glass and abs(to_camera) < least:
             near.append((f"the camera {scene.camera.name}", f"the surface of {shape.name}"))
-    pairs = [(shapes[a].name, shapes[b].name) for a, b in sorted(KDTree(surfaces).query_pairs(least))]
-    near += [(f"the surfaces of {one}", other) for one, other in pairs if {one, other} & glass]
+    owners, names = surface_owners(given), [shape.name for shape in shapes]
+    for a, b in sorted(KDTree(surfaces).query_pairs(least)):
+        # Two planes of a slab coincide where it has no wall, which is drawn as it is.
+        is_no_wall = surfaces[a] == surfaces[b] and owners[names[a]] == owners[names[b]]
+        if {names[a], names[b]} & glass and not is_no_wall:
+            near.append((f"the surfaces of {names[a]}", names[b]))
     return [
         f"{one} and {other} are less than {least:g} units apart, which rays do not tell from none: move one of them."
         for one, other in near

@@ -28,6 +28,7 @@ from raytrace_jax.scene.structs import (
     Planes,
     PointLights,
     Rectangles,
+    Slabs,
     Spheres,
 )
 from raytrace_jax.util.text import quoted
@@ -59,6 +60,7 @@ class Scene(eqx.Module):
     planes: Planes
     spheres: Spheres
     rectangles: Rectangles
+    slabs: Slabs
     shape_order: tuple[str, ...] = eqx.field(static=True)
 
     def __repr__(self) -> str:

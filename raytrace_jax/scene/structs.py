@@ -279,3 +279,23 @@ class Rectangles(eqx.Module):
     center: Float[Array, "3 rectangles"] = _point(VECTOR._replace(scale="block", sized_by=("right", "up")))
     right: Float[Array, "3 rectangles"] = attribute(XYZ, limit=NOT_ALL_ZERO, quantity=VECTOR)
     up: Float[Array, "3 rectangles"] = attribute(XYZ, limit=NOT_ALL_ZERO, quantity=VECTOR)
+
+
+class Slabs(eqx.Module):
+    """Liquid or glass between parallel planes, such as a tank: without end sideways, with a clear wall on either side.
+
+    Args:
+        point: on the front face.
+        normal: out of that face, of any length.
+        thickness: along the normal, from outer face to outer face.
+        wall: the thickness of each wall; 0 for none.
+        wall_ior: the walls' index of refraction.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    material: tuple[int, ...] = _column(only=("physical",))
+    point: Float[Array, "3 slabs"] = attribute(XYZ, quantity=VECTOR, only=("physical",))
+    normal: Float[Array, "3 slabs"] = attribute(XYZ, limit=NOT_ALL_ZERO, only=("physical",))
+    thickness: Float[Array, " slabs"] = attribute(limit=POSITIVE, quantity=LENGTH, only=("physical",))
+    wall: Float[Array, " slabs"] = _scalar(0.0, NOT_NEGATIVE, LENGTH, only=("physical",))
+    wall_ior: Float[Array, " slabs"] = _index(default=(1.5,), only=("physical",))

@@ -52,6 +52,10 @@ def _folds_over(pixeldim: np.ndarray, fov: np.ndarray, center: np.ndarray, disto
     )
 
 
+def _all_wall(thickness: np.ndarray, wall: np.ndarray) -> str | None:
+    return None if 2 * wall < thickness else f"two walls of {wall:.6g} must be less than the thickness, {thickness:.6g}"
+
+
 _ROWS = (
     BlockType(SETTINGS, SETTINGS, structs.FileSettings),
     BlockType("camera", "camera", structs.ImagePlaneCamera),
@@ -67,6 +71,7 @@ _ROWS = (
     BlockType("plane", "planes", structs.Planes, textures=("checkers",)),
     BlockType("sphere", "spheres", structs.Spheres),
     BlockType("rectangle", "rectangles", structs.Rectangles, (_not_orthogonal,), textures=("checkers", "images")),
+    BlockType("slab", "slabs", structs.Slabs, (_all_wall,)),
 )
 
 BLOCK_TYPES: dict[str, tuple[BlockType, ...]] = {

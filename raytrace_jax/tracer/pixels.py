@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Camera, Scene, map_scenes, without_texels
+from raytrace_jax.scene.slabs import surface_owners
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.levels.integrator import trace
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -164,6 +165,9 @@ def color_batches(
         found = trace(world, camera, points, step, count, settings, with_hits=bool(aov), reversible=reversible)
         first: Any = found.first
         variables = {name: jnp.where(first.valid, AOVS[name].value(found), AOVS[name].missing) for name in aov}
+        if "shape_index" in aov and scenes.slabs.names:
+            owners = jnp.asarray([*surface_owners(scenes).values()], jnp.int32)
+            variables["shape_index"] = jnp.where(first.valid, owners[first.shape], AOVS["shape_index"].missing)
         return {"color": found.color, **variables}, found.wanted
 
     # Textures are filtered once for all batches: a loop would filter them again for each.

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 from raytrace_jax.errors import RaytraceError, SettingsError
 from raytrace_jax.optics import refract
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.slabs import surface_owners
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, unpacked
 from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, trace_queue
@@ -89,7 +90,7 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
         raise RaytraceError(f"the tree has more than {most} rays; allow fewer bounces.")
     found = {name: values[..., :tail] for name, values in found.items()}
     dropped = int(np.sum(found["wanted"] & (found["number"] == settings.levels)))
-    return RayTree((column, row), _as_nodes(found, scene.shape_order), dropped)
+    return RayTree((column, row), _as_nodes(found, tuple(surface_owners(scene))), dropped)
 
 
 @functools.partial(jit, static_argnames=("settings", "most"))

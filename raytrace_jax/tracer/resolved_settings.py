@@ -5,7 +5,7 @@ import math
 import warnings
 from typing import Annotated, Any
 
-from raytrace_jax.errors import SceneWarning, SettingsError
+from raytrace_jax.errors import SceneError, SceneWarning, SettingsError
 from raytrace_jax.scene import setting_words as words
 from raytrace_jax.scene.response import Frame
 from raytrace_jax.scene.scene import FileSettings, Scene, check_scene
@@ -116,7 +116,7 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
         asked: what is asked for; None is nothing. Settings that are resolved already stay as they are.
 
     Raises:
-        SceneError, SettingsError: what is given is no scene, or no settings.
+        SceneError, SettingsError: what is given is no scene, or no settings; or it has slabs, and the model none.
 
     Warns:
         SceneWarning: the scene was loaded as another model, whose defaults it has.
@@ -136,6 +136,8 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
             SceneWarning,
             stacklevel=3,
         )
+    if scene.slabs.names and model != "physical":
+        raise SceneError(f"slab {scene.slabs.names[0]!r}: the {model} model knows of no slabs; --model physical does.")
     said: dict[str, Any] = {name: getattr(scene.settings, name, None) for name in FILE_SETTINGS}
     if said["model"] != model:
         said = {name: value for name, value in said.items() if name not in MODEL_RULES[model].only}

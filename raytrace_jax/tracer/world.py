@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Background, ChannelMaterials, PointLights, Scene, world_length
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.slabs import with_planes
 from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.geometry.intersection import Clusters, make_clusters
 from raytrace_jax.tracer.geometry.rays import Number, Scalars
@@ -36,6 +37,7 @@ class World(eqx.Module):
 
 
 def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyramid, ...] | None = None) -> World:
+    scene = with_planes(scene)
     shapes = scene_shapes(scene)
     # A footprint also meets what its centre misses: bounds around shapes do not tell.
     clusters = make_clusters(jax.lax.stop_gradient(shapes)) if settings.edges != "aware" else []

@@ -17,15 +17,16 @@ import raytrace_jax as rj
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 
 SMALL = rj.RenderSettings(size=(24, 18), max_bounces=2)
-NAMES = ["ball", "bubble", "checkpoints", "glass_on_board", "pov_ball", "two_balls", "vitreous"]
+NAMES = ["ball", "bubble", "checkpoints", "glass_on_board", "pov_ball", "tank", "two_balls", "vitreous"]
 
 
-def test_a_template_is_written_once(tmp_path, capsys):
+@pytest.mark.parametrize("name", ["ball", "tank"])
+def test_a_template_is_written_once(name, tmp_path, capsys):
     place = tmp_path / "new" / "scene.txt"
-    assert run("new", "ball", "-o", place) == 0 and capsys.readouterr().out == f"{place}\n"
+    assert run("new", name, "-o", place) == 0 and capsys.readouterr().out == f"{place}\n"
     text = place.read_text()
     assert rj.format_scene(rj.load_scene(place), comments=text) == text
-    assert run("new", "ball", "-o", place) == 1 and "is not overwritten" in capsys.readouterr().err
+    assert run("new", name, "-o", place) == 1 and "is not overwritten" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -24,7 +24,7 @@ KINDS = [kind for kinds in BLOCK_TYPES.values() for kind in kinds]
 def test_every_field_of_a_scene_has_its_rows():
     fields = [field.name for field in dataclasses.fields(Scene)]
     assert list(dict.fromkeys(kind.group for kind in KINDS)) == fields[1:-1]
-    assert SHAPE_KEYWORDS == ("plane", "sphere", "rectangle")
+    assert SHAPE_KEYWORDS == ("plane", "sphere", "rectangle", "slab")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -78,7 +78,7 @@ def test_attributes_share_their_components():
 
 
 def test_tables_know_the_same_names():
-    assert set(SHAPE_TYPES) == set(SHAPE_KEYWORDS)
+    assert set(SHAPE_TYPES) | {"slab"} == set(SHAPE_KEYWORDS)
     assert {kind.struct for kind in BLOCK_TYPES["camera"]} == set(DIRECTIONS)
     assert set(MODELS) == set(MODEL_RULES) == set(get_args(ModelName))
     assert set(LOSSES) == set(get_args(LossName))

@@ -175,8 +175,8 @@ class New(shared.CommandOptions):
     Example: raytrace-jax new ball -o scene.txt
     """
 
-    scene: Annotated[Positional[Literal["ball"]], arg(metavar="ball")]
-    """What it shows. ball: a ball of glass before a checkered board."""
+    scene: Annotated[Positional[Literal["ball", "tank"]], arg(metavar="ball|tank")]
+    """What it shows. ball: a ball of glass before a checkered board; tank: the board behind a tank of water."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="SCENE")]
     """The file to write; one that is there stays."""
 
