@@ -1,4 +1,4 @@
-"""The scene of a flattened photograph: its camera, its board that shines by itself, and the ball."""
+"""Scenes of photographs: the camera, the board that shines by itself, and the ball or the tank."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -9,12 +9,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.flattened import Flattened
 from raytrace_jax.photo.geometry import Setup, camera_of, principal_point
 from raytrace_jax.photo.locate import Located
 from raytrace_jax.photo.photograph import PixelGrid
 from raytrace_jax.scene import build
 from raytrace_jax.scene.build import make_scene
+from raytrace_jax.scene.rows import Description
 from raytrace_jax.scene.scene import Scene
 
 FREE = ("ball.ior", "ball.center", "film.gain", "film.blur", "sky.radiance")
@@ -65,24 +67,12 @@ def light_options(room: RoomScene) -> FitOptions:
 
 def room_scene(located: Located, flat: Flattened) -> RoomScene:
     """The scene of a flattened photograph, in the board's frame and unit of length."""
-    board, grid, setup = located.board, flat.grid, located.setup
+    grid, setup = flat.grid, located.setup
     vector = jnp.asarray(setup.vector)
-    eye = {name: np.asarray(x) for name, x in _eye(Setup.of(vector), located.size, grid).items()}
-    # The board shines by itself, for the photograph was divided by the light on it. Light that has been reflected
-    # within the ball three times is left out: of a glass of 1.8 it is 6e-4, of one of 1.5 6e-5.
-    scene = make_scene(
-        build.settings("main", model="physical", mapping="center", max_bounces=4),
-        build.camera("eye", pixeldim=grid.size, **eye),
-        build.background("sky", radiance=(0.05, 0.05, 0.05)),
-        build.film("film", blur=max(located.blur / grid.binning, 0.2)),
-        build.texture("print", kind="image", file=_texture(located, flat)),
-        build.material("paper", emission=(1, 1, 1), texture="print"),
-        build.material("glass", transmission=1, ior=float(setup.ior)),
-        build.rectangle(
-            "board", material="paper", center=(0, 0, 0), right=(board.half[0], 0, 0), up=(0, board.half[1], 0)
-        ),
-        build.sphere("ball", material="glass", center=setup.center, radius=float(setup.radius)),
-    )
+    # The board shines by itself, for the photograph was divided by the light on it.
+    ball = build.sphere("ball", material="glass", center=setup.center, radius=float(setup.radius))
+    glass = build.material("glass", transmission=1, ior=float(setup.ior))
+    scene = _scene(located, grid, flat.field.ink, glass, ball)
 
     # The covariance of the scene's numbers, from that of camera and ball.
     def of_scene(vector):
@@ -105,6 +95,39 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
     return RoomScene(scene, uncertain, pairs, whole)
 
 
+def tank_scene(located: Located) -> Scene:
+    """The scene of a photograph of a tank, in the board's frame and unit of length; where the tank is means nothing."""
+    setup, tilt = located.setup, np.asarray(located.setup.tilt)
+    before = 1.1 * float(setup.thickness) + np.linalg.norm(tilt) * np.linalg.norm(located.board.half)
+    tank = build.slab(
+        "tank", material="liquid", point=(0, 0, before), normal=(*tilt, 1), thickness=float(setup.thickness),
+        wall=float(setup.wall), wall_ior=max(float(setup.wall_ior), 1.0),
+    )  # fmt: skip
+    liquid = build.material("liquid", transmission=1, ior=float(setup.ior))
+    return _scene(located, PixelGrid.of(located.size, 1), np.zeros(3), liquid, tank)
+
+
+def _scene(
+    located: Located, grid: PixelGrid, ink: Float[np.ndarray, "3"], glass: Description, shape: Description
+) -> Scene:
+    """The camera, the board with ink of this brightness, and what is before it."""
+    eye = _eye(Setup.of(jnp.asarray(located.setup.vector)), located.size, grid)
+    half = located.board.half
+    # Light that has been reflected within a ball three times is left out: of a glass of 1.8 it is 6e-4, of one of 1.5
+    # 6e-5.
+    return make_scene(
+        build.settings("main", model="physical", mapping="center", max_bounces=4),
+        build.camera("eye", pixeldim=grid.size, **{name: np.asarray(x) for name, x in eye.items()}),
+        build.background("sky", radiance=(0.05, 0.05, 0.05)),
+        build.film("film", blur=max(located.blur / grid.binning, 0.2)),
+        build.texture("print", kind="image", file=_texture(located.board, ink)),
+        build.material("paper", emission=(1, 1, 1), texture="print"),
+        glass,
+        build.rectangle("board", material="paper", center=(0, 0, 0), right=(half[0], 0, 0), up=(0, half[1], 0)),
+        shape,
+    )
+
+
 def _eye(setup: Setup, size: tuple[int, int], grid: PixelGrid) -> dict[str, Float[Array, "..."]]:
     """The camera of the cut and binned picture, as a scene says it."""
     camera = camera_of(setup)
@@ -119,14 +142,13 @@ def _eye(setup: Setup, size: tuple[int, int], grid: PixelGrid) -> dict[str, Floa
     }
 
 
-def _texture(located: Located, flat: Flattened) -> Float[np.ndarray, "3 rows columns"]:
-    """The board's picture: 1 is paper, ink is what it was found to be; a mean of texels where there are many."""
-    texture, board = located.board.texture, located.board
+def _texture(board: CharucoBoard, ink: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 rows columns"]:
+    """The board's picture: 1 is paper, ink as it is given; a mean of texels where there are many."""
+    texture = board.texture
     rows, columns = texture.shape
     # A square keeps about 32 texels a side, or more where that does not divide the picture.
     by = max(1, int(columns / (2 * board.half[0] / board.square) / 32))
     while rows % by or columns % by:
         by -= 1
     small = texture.reshape(rows // by, by, columns // by, by).mean(axis=(1, 3))
-    ink = flat.field.ink[:, None, None]
-    return np.asarray(ink + (1 - ink) * small)
+    return np.asarray(ink[:, None, None] + (1 - ink[:, None, None]) * small)

@@ -44,6 +44,7 @@ RUNS = {
     "physical/fuzz.py": ["--scenes 1 --edges point"],
     "physical/independent.py": ["regular --results independent.json"],
     "physical/make_sky.py": ["sky.exr"],
+    "real/tank.py": [""],
     "suite/counts.py": [""],
     "suite/mutations.py": ["--only gamma_chunk -o mutations"],
     "suite/pieces.py": ["slow --only chunks -o pieces"],

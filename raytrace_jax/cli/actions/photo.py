@@ -34,7 +34,7 @@ from raytrace_jax.photo.markers import is_mirrored
 from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, joined, shown, told_together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.photograph import Photograph, photograph_of
-from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene
+from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
 from raytrace_jax.scene.parameters import scalar_names
@@ -108,6 +108,7 @@ def run_photo(command: Photo) -> int:
             flats, dark = {}, {}
             for k, located in together.located.items():
                 if command.tank:
+                    save_scene(tank_scene(located), folder / f"scene{ends[k]}.txt", model="physical")
                     continue
                 try:
                     flats[k] = flatten(pictures[k][0], located)
