@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
-from raytrace_jax.photo.geometry import AT, COUNT, Setup, misses, project
+from raytrace_jax.photo.geometry import AT, COUNT, Setup, misses, project, see_directly
 from raytrace_jax.photo.lens import LensPrior, Turn
 from raytrace_jax.photo.photograph import Corners
 from raytrace_jax.util.compilation import jit
@@ -58,7 +58,8 @@ class Known(NamedTuple):
 
 
 Measured = Mapping[str, tuple[float, float]]
-"""What was measured of a ball (`radius`) or of a tank (`thickness`, `wall`, `wall_ior`), with standard deviations."""
+"""What was measured of a ball (`radius`, `liquid`, `depth`) or of a tank (`thickness`, `wall`, `wall_ior`), with
+standard deviations."""
 
 
 def known_before(lens: LensPrior, measured: Measured = MappingProxyType({})) -> Known:
@@ -79,7 +80,7 @@ def known_before(lens: LensPrior, measured: Measured = MappingProxyType({})) -> 
         fov=1.0 * (variance[0] > 0),
         distortion=0.02 * (variance[1:3] > 0),
         principal_offset=0.01 * (variance[3:] > 0),
-        ior=0.05 * bool(measured),
+        ior=0.05 * bool({"radius", "thickness"} & measured.keys()),
         center=np.full(3, 0.1 * measured.get("radius", (0.0, 0.0))[0]),
         tilt=np.full(2, 0.02 * ("thickness" in measured)),
     )
@@ -260,9 +261,15 @@ def linearized(numbers: Numbers, size: Float[Array, "2"], direct, through):
     """The misses of both groups of corners in pixels, and their derivatives by the numbers of a set-up."""
 
     def both(numbers):
-        setup, (pixels, places), (pixels_through, places_through) = Setup.of(numbers), direct, through
+        setup = Setup.of(numbers)
+        pixels, places = direct
         flat = jnp.concatenate([places, jnp.zeros_like(places[:, :1])], axis=1)
-        return project(setup, size, flat) - pixels, misses(setup, size, pixels_through, places_through)
+        seen = jax.lax.cond(
+            setup.depth > 0,
+            lambda: misses(setup, size, pixels, places, see_directly),
+            lambda: project(setup, size, flat) - pixels,
+        )
+        return seen, misses(setup, size, *through)
 
     return both(numbers), jax.jacfwd(both)(numbers)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align, best_blur
 from raytrace_jax.photo.boards import LEAST_CORNERS, CharucoBoard, opencv
-from raytrace_jax.photo.bundle import AdjustedView, PhotoView, adjust, known_before
+from raytrace_jax.photo.bundle import AdjustedView, Measured, PhotoView, adjust, known_before
 from raytrace_jax.photo.geometry import Setup
 from raytrace_jax.photo.lens import LensPrior, Turn, uncalibrated
 from raytrace_jax.photo.markers import find_markers
@@ -35,8 +36,12 @@ class FoundCamera(AdjustedView):
     blur: float
 
 
-def find_camera(photograph: Photograph, board: CharucoBoard, lens: LensPrior) -> FoundCamera:
+def find_camera(
+    photograph: Photograph, board: CharucoBoard, lens: LensPrior, liquid: Measured = MappingProxyType({})
+) -> FoundCamera:
     """The camera from what is seen directly: from markers, from refined corners, at last from patches.
+
+    `liquid` and `depth` are told if the board lies in a liquid.
 
     Raises:
         PictureError: too few markers or corners of the board are seen, or they scatter too much.
@@ -44,12 +49,14 @@ def find_camera(photograph: Photograph, board: CharucoBoard, lens: LensPrior) ->
     # Markers are found without a start, but roughly: they choose among angles of view.
     size, corners = photograph.size, find_markers(photograph, board)
     guesses = [float(lens.mean[0])] if np.isfinite(lens.covariance[0, 0]) else [20.0, 30.0, 40.0, 55.0, 70.0]
-    known = known_before(lens)
+    known = known_before(lens, liquid)
 
     def adjusted(setup: Setup, corners: Corners):
         return adjust([PhotoView(setup, size, corners, Corners.none())], known)
 
-    found = [adjusted(_pose(corners, fov, lens, size), corners) for fov in guesses]
+    within = {name: value for name, (value, _) in liquid.items()}
+    starts = [_pose(corners, fov, lens, size)._replace(**within) for fov in guesses]
+    found = [adjusted(start, corners) for start in starts]
     setup = min(found, key=lambda one: one.cost).views[0].setup
 
     # Corners that OpenCV refines are good to a tenth of a pixel: near enough for a patch to find its place.

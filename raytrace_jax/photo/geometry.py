@@ -4,6 +4,7 @@ The frame is the board's: x to the right, y up, z towards who looks at it, in th
 OpenCV's: (0, 0) is the middle of the upper left one. Rays are the tracer's, `tracer.geometry.camera`.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -42,6 +43,8 @@ class Setup(NamedTuple):
         tilt: the outer normal of the tank's faces is along (tilt, 1).
         thickness: of the tank, along its normal, from the outside of one wall to that of the other.
         wall, wall_ior: thickness and index of each of its walls.
+        liquid, depth: index of what ball and board lie in, over that of the air, and how high above the board its
+            surface is, which is parallel to it; a depth of 0 is none.
     """
 
     rotation: Float[Any, "3"]
@@ -56,6 +59,8 @@ class Setup(NamedTuple):
     thickness: Float[Any, ""] = 0.0
     wall: Float[Any, ""] = 0.0
     wall_ior: Float[Any, ""] = 0.0
+    liquid: Float[Any, ""] = 0.0
+    depth: Float[Any, ""] = 0.0
 
     @classmethod
     def of(cls, vector: Float[Any, " numbers"]) -> "Setup":
@@ -89,7 +94,7 @@ class Setup(NamedTuple):
         return np.hstack([self.ior, self.tilt, self.thickness, self.wall, self.wall_ior])
 
 
-AT = Setup.of(np.arange(21))
+AT = Setup.of(np.arange(23))
 """Where each number lies in the raveled vector."""
 
 COUNT = len(AT.vector)
@@ -97,12 +102,12 @@ COUNT = len(AT.vector)
 
 
 class Seen(NamedTuple):
-    """What rays through a ball or a tank meet, in arrays of JAX or, from `photo.sight`, of NumPy.
+    """What rays meet, through a ball or a tank or directly, in arrays of JAX or, from `photo.sight`, of NumPy.
 
     Args:
         place: on the board's plane.
-        reach: how far from the ball's centre the ray passes, as a fraction of its radius; above 1 it misses. 0 for a
-            tank, whose borders nobody knows.
+        reach: how far from the ball's centre the ray passes, as a fraction of its radius; above 1 it misses. 0 without
+            a ball.
         valid: whether the ray enters, leaves and meets the plane.
     """
 
@@ -172,11 +177,20 @@ def pixel_rays(
     return origin, normalize(direction)
 
 
-def see_directly(
-    setup: Setup, size: Size, pixels: Float[Array, "n 2"]
-) -> tuple[Float[Array, "n 2"], Float[Array, " n"]]:
-    """Where pixels see the board's plane if nothing is in the way, and how far off it is; see `on_board`."""
-    return on_board(*pixel_rays(setup, size, pixels))
+def see_directly(setup: Setup, size: Size, pixels: Float[Array, "n 2"]) -> Seen:
+    """Where pixels see the board's plane if nothing but liquid is in the way."""
+    place, distance = on_board(*_into_liquid(setup, *pixel_rays(setup, size, pixels)))
+    return Seen(place, jnp.zeros_like(distance), distance > 0)
+
+
+def _into_liquid(
+    setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]
+) -> tuple[Float[Array, "3 n"], Float[Array, "3 n"]]:
+    """The rays from the liquid's surface on, or as they were if there is none."""
+    normal, is_there = jnp.zeros_like(d).at[2].set(1.0), setup.depth > 0
+    ratio = jnp.broadcast_to(jnp.where(is_there, setup.liquid, 1.0), d.shape[1:])
+    entry = o + (setup.depth - o[2]) / jnp.where(d[2] < -1e-12, d[2], -1.0) * d
+    return jnp.where(is_there, entry, o), jnp.where(is_there, refract(d, normal, ratio)[0], d)
 
 
 def on_board(
@@ -213,8 +227,10 @@ def _through_tank(setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]) 
 
 
 def _through_ball(setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]) -> Seen:
-    """Follow the rays into the ball and out of it."""
-    center, radius, ior = setup.center[:, None], setup.radius, jnp.broadcast_to(setup.ior, o.shape[1:])
+    """Follow the rays into the liquid, if there is any, into the ball and out of it."""
+    o, d = _into_liquid(setup, o, d)
+    center, radius = setup.center[:, None], setup.radius
+    ior = jnp.broadcast_to(setup.ior / jnp.where(setup.depth > 0, setup.liquid, 1.0), o.shape[1:])
     passing = chord(o, d, center, radius)
     hits = (passing.discriminant > 1e-12 * radius * radius) & (passing.along > 0)
     # A ray that misses is followed from where it passes nearest, so that all is finite.
@@ -227,23 +243,31 @@ def _through_ball(setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]) 
     return Seen(place, reach, hits & ~total & (distance > 0))
 
 
-def local_map(setup: Setup, size: Size, pixels: Float[Array, "n 2"]) -> Float[Array, "n 2 2"]:
-    """The derivative of the place that is seen through the ball by the pixel, "place pixel"."""
+def local_map(
+    setup: Setup, size: Size, pixels: Float[Array, "n 2"], see: Callable[..., Seen] = see_through
+) -> Float[Array, "n 2 2"]:
+    """The derivative of the place that is seen through ball or tank, or directly, by the pixel, "place pixel"."""
 
     def place(pixel):
-        return see_through(setup, size, pixel[None]).place[0]
+        return see(setup, size, pixel[None]).place[0]
 
     return jax.vmap(jax.jacfwd(place))(pixels)
 
 
-def misses(setup: Setup, size: Size, pixels: Float[Array, "n 2"], places: Float[Array, "n 2"]) -> Float[Array, "n 2"]:
-    """How far pixels are from where places of the board are seen through ball or tank, in pixels.
+def misses(
+    setup: Setup,
+    size: Size,
+    pixels: Float[Array, "n 2"],
+    places: Float[Array, "n 2"],
+    see: Callable[..., Seen] = see_through,
+) -> Float[Array, "n 2"]:
+    """How far pixels are from where places of the board are seen through ball or tank, or directly, in pixels.
 
     That is the miss on the board, carried back by the local map, which counts as constant. A pixel whose ray does not
     come through misses by `LOST`, so that no adjustment gains by losing corners.
     """
-    found = see_through(setup, size, pixels)
-    inverse = jax.lax.stop_gradient(_inverse(local_map(setup, size, pixels)))
+    found = see(setup, size, pixels)
+    inverse = jax.lax.stop_gradient(_inverse(local_map(setup, size, pixels, see)))
     miss = jnp.einsum("nij,nj->ni", inverse, found.place - places)
     return jnp.where(found.valid[:, None], miss, LOST)
 

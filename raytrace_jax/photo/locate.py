@@ -121,8 +121,9 @@ def locate_together(
     Args:
         photographs: by one camera, of one ball or one tank.
         board: what they show.
-        measured: of the ball its `radius`, of the tank `thickness`, `wall` and `wall_ior`, each with its standard
-            deviation, in the board's unit.
+        measured: of the ball its `radius`, and the index of the `liquid` in which it and the board lie, with about the
+            latter's `depth`; of the tank `thickness`, `wall` and `wall_ior`; each with its standard deviation, in the
+            board's unit.
         lens: what is known of the camera, as the first photograph has it.
         ball: its outline, if that is known.
 
@@ -152,7 +153,8 @@ def locate_together(
                     if not several:
                         raise
                     bare[k] = _not_located(reason, photograph, board, taken[k])
-            cameras[k] = find_camera(photograph, beside, known_lens)
+            liquid = {name: measured[name] for name in ("liquid", "depth") if name in measured}
+            cameras[k] = find_camera(photograph, beside, known_lens, liquid)
         except PictureError as reason:
             refused[k] = _not_located(reason, photograph, board, taken[k])
     shared = lens

@@ -20,13 +20,14 @@ NAMES = (
     *("turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z"),
     *("fov", "k1", "k2", "principal_point.x", "principal_point.y"),
     *("index", "center.x", "center.y", "center.z", "radius", "tilt.x", "tilt.y", "thickness", "wall", "wall_index"),
+    *("liquid", "depth"),
 )
 """The words for the numbers of a set-up, as it is raveled."""
 
 
 def shown(setup: Setup) -> list[int]:
     """Where the numbers of what is looked through, of the ball or of the tank, lie in the raveled set-up."""
-    return [*(AT.ball if setup.radius > 0 else AT.tank)]
+    return [*(AT.ball if setup.radius > 0 else AT.tank), *[AT.liquid, AT.depth] * (setup.depth > 0)]
 
 
 def told(located: Located) -> dict[str, object]:
@@ -169,6 +170,7 @@ def budget(adjusted: Adjusted) -> Budget:
     setup, groups = Setup.of(adjusted.joint[:COUNT]), {"lens": AT.lens}
     groups |= {"radius and ruler": [AT.radius]} if setup.radius > 0 else {"thickness and ruler": [AT.thickness]}
     groups |= {"walls": [AT.wall]} if setup.wall > 0 else {}
+    groups |= {"liquid": [AT.liquid]} if setup.depth > 0 else {}
 
     def exact(names: Sequence[str]) -> float:
         """The index's variance if these numbers were known."""

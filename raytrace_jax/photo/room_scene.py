@@ -1,6 +1,6 @@
 """Scenes of photographs: the camera, the board that shines by itself, and the ball or the tank."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -72,7 +72,13 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
     # The board shines by itself, for the photograph was divided by the light on it.
     ball = build.sphere("ball", material="glass", center=setup.center, radius=float(setup.radius))
     glass = build.material("glass", transmission=1, ior=float(setup.ior))
-    scene = _scene(located, grid, flat.field.ink, glass, ball)
+    shapes = [glass, ball]
+    if setup.depth > 0:
+        shapes += [
+            build.material("liquid", transmission=1, ior=float(setup.liquid)),
+            build.plane("surface", material="liquid", normal=(0, 0, 1), point=(0, 0, float(setup.depth))),
+        ]
+    scene = _scene(located, grid, flat.field.ink, shapes)
 
     # The covariance of the scene's numbers, from that of camera and ball.
     def of_scene(vector):
@@ -104,12 +110,10 @@ def tank_scene(located: Located) -> Scene:
         wall=float(setup.wall), wall_ior=max(float(setup.wall_ior), 1.0),
     )  # fmt: skip
     liquid = build.material("liquid", transmission=1, ior=float(setup.ior))
-    return _scene(located, PixelGrid.of(located.size, 1), np.zeros(3), liquid, tank)
+    return _scene(located, PixelGrid.of(located.size, 1), np.zeros(3), [liquid, tank])
 
 
-def _scene(
-    located: Located, grid: PixelGrid, ink: Float[np.ndarray, "3"], glass: Description, shape: Description
-) -> Scene:
+def _scene(located: Located, grid: PixelGrid, ink: Float[np.ndarray, "3"], glass: Sequence[Description]) -> Scene:
     """The camera, the board with ink of this brightness, and what is before it."""
     eye = _eye(Setup.of(jnp.asarray(located.setup.vector)), located.size, grid)
     half = located.board.half
@@ -122,9 +126,8 @@ def _scene(
         build.film("film", blur=max(located.blur / grid.binning, 0.2)),
         build.texture("print", kind="image", file=_texture(located.board, ink)),
         build.material("paper", emission=(1, 1, 1), texture="print"),
-        glass,
         build.rectangle("board", material="paper", center=(0, 0, 0), right=(half[0], 0, 0), up=(0, half[1], 0)),
-        shape,
+        *glass,
     )
 
 

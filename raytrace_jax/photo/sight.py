@@ -36,15 +36,25 @@ class Sight:
 
     def directly(self, pixels: PixelPlaces) -> tuple[PixelPlaces, Bool[np.ndarray, " n"]]:
         """The place on the board's plane that each pixel sees if nothing is in the way, and whether it sees one."""
-        place, distance = self._by("see_directly", pixels)
-        return place, distance > 0
+        seen = self._by("see_directly", pixels)
+        return seen.place, seen.valid
 
     def through(self, pixels: PixelPlaces) -> Seen:
         return self._by("see_through", pixels)
 
     def where(self, places: Float[np.ndarray, "n 2"]) -> PixelPlaces:
         """The pixels in which places of the board are seen directly."""
-        return self._by("project", np.concatenate([places, np.zeros_like(places[:, :1])], axis=1))
+        pixels = self._project(places)
+        for _ in range(6 * (self.setup.depth > 0)):  # Nearly where they would be in air: each round is nearer.
+            pixels = pixels + self._project(places) - self._project(self.directly(pixels)[0])
+        return pixels
+
+    def _project(self, places: Float[np.ndarray, "n k"]) -> PixelPlaces:
+        """The pixels of points, or of places of the board; about, if they lie in a liquid: they seem to be nearer."""
+        points = np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
+        if self.setup.depth > 0:
+            points[:, 2] = self.setup.depth + (points[:, 2] - self.setup.depth) / self.setup.liquid
+        return self._by("project", points)
 
     def where_through(
         self, places: Float[np.ndarray, "n 2"], half: Float[np.ndarray, "2"], reach: float = REACH
@@ -92,7 +102,7 @@ class Sight:
         """Where the ball's centre is seen, and about how large its outline's radius is, in pixels; a tank fills all."""
         if self.setup.thickness > 0:
             return (np.array(self.size) - 1) / 2, max(self.size) / 2
-        center = self._by("project", self.setup.center[None])[0]
+        center = self._project(self.setup.center[None])[0]
         squared = float(np.sum((self.viewpoint - self.setup.center) ** 2))
         radius = float(self.setup.radius)
         return center, radius / np.sqrt(max(squared - radius**2, 1e-9)) * float(self.focal_at(center))
@@ -106,8 +116,12 @@ class Sight:
 
     @functools.cached_property
     def _pinhole(self) -> Float[np.ndarray, "6"]:
-        """The viewpoint, the principal point and the focal length."""
-        return np.asarray(_pinhole(self._vector, np.asarray(self.size, float)))
+        """The viewpoint, the principal point and the focal length; in a liquid those from which rays in it come."""
+        found = np.array(_pinhole(self._vector, np.asarray(self.size, float)))
+        if self.setup.depth > 0:
+            found[2] = self.setup.depth + (found[2] - self.setup.depth) * self.setup.liquid
+            found[5] *= self.setup.liquid
+        return found
 
     def _by(self, what: str, values: np.ndarray) -> Any:
         """The results of a function of `geometry` for many rows, some at a time, as arrays of NumPy."""

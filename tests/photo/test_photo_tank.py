@@ -10,7 +10,7 @@ from photographed_boards import FOV, HEIGHT, SIZE, WIDTH
 from raytrace_jax import PictureError
 from raytrace_jax.photo import geometry
 from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
-from raytrace_jax.photo.geometry import Setup
+from raytrace_jax.photo.geometry import COUNT, Setup
 from raytrace_jax.photo.lens import LensPrior, uncalibrated
 from raytrace_jax.photo.locate import locate, locate_together
 from raytrace_jax.photo.opinions import budget
@@ -25,7 +25,7 @@ INDEX, TILT = 1.36, (0.05, -0.03)
 
 
 def tank(ior=INDEX, tilt=TILT, thickness=60.0, wall=3.0, wall_ior=1.49):
-    numbers = np.array([*POSE, FOV, 0, 0, 0, 0, ior, 0, 0, 0, 0, *tilt, thickness, wall, wall_ior])
+    numbers = np.array([*POSE, FOV, 0, 0, 0, 0, ior, 0, 0, 0, 0, *tilt, thickness, wall, wall_ior, 0, 0])
     return Setup.of(numbers)
 
 
@@ -62,10 +62,13 @@ def test_derivatives_are_differences(ior):
     def places(numbers):
         return geometry.see_through(Setup.of(numbers), SIZE, pixels).place
 
-    numbers, steps = setup.vector, np.full(21, 1e-5)
+    numbers, steps = setup.vector, np.full(COUNT, 1e-5)
     steps[8] = 1e-3  # k2 does nearly nothing near the middle.
     wanted = np.stack(
-        [(places(numbers + h * e) - places(numbers - h * e)) / (2 * h) for h, e in zip(steps, np.eye(21), strict=True)],
+        [
+            (places(numbers + h * e) - places(numbers - h * e)) / (2 * h)
+            for h, e in zip(steps, np.eye(COUNT), strict=True)
+        ],
         axis=-1,
     )
     for mode in (jax.jacfwd, jax.jacrev):

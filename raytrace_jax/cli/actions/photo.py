@@ -82,8 +82,8 @@ def run_photo(command: Photo) -> int:
     for option, is_given in (("--ball", command.ball is not None), ("--fit", command.fit)):
         if is_given and several:
             raise UsageError(f"{option}: is for one photograph, and {len(command.photos)} came.")
-        if is_given and command.tank:
-            raise UsageError(f"{option}: is for a ball, and --tank came.")
+        if is_given and (command.tank or (command.fit and command.liquid)):
+            raise UsageError(f"{option}: is for a ball in air, and {'--tank' if command.tank else '--in'} came.")
     with jax_session(64):
         with Timer("corners", console) as timer:
             board = read_board(command.board)
@@ -245,6 +245,8 @@ def _measured(command: Photo) -> Measured:
         raise UsageError("--radius of a ball or --tank, the thickness of a tank: one of the two is wanted.")
     if command.wall and command.tank is None:
         raise UsageError("--wall: is of a tank, and --tank is missing.")
+    if command.liquid and command.tank:
+        raise UsageError("--in: is for a ball, and --tank came.")
     given = {"--radius": command.radius, "--tank": command.tank, "--ruler": command.ruler or UNMEASURED}
     sizes: dict[str, tuple[float, float]] = {}
     examples = {"--radius": "24.55+-0.01mm", "--tank": "60.2+-0.05mm", "--ruler": "99.93+-0.03mm"}
@@ -269,7 +271,11 @@ def _measured(command: Photo) -> Measured:
         return length, length * math.hypot(size[1] / size[0], off / ruler)
 
     if command.radius is not None:
-        return {"radius": there(sizes["--radius"])}
+        radius = there(sizes["--radius"])
+        if command.liquid is None:
+            return {"radius": radius}
+        # Where the surface is hardly matters, for the board lies in the liquid too: some radii above it.
+        return {"radius": radius, "liquid": _index(command.liquid), "depth": (5 * radius[0], 4 * radius[0])}
     measured = {"thickness": there(sizes["--tank"])}
     if command.wall:
         thickness, _, ior = command.wall.partition(",")
@@ -285,6 +291,18 @@ def _measured(command: Photo) -> Measured:
                 "the tank are wanted."
             )
     return measured
+
+
+def _index(text: str) -> tuple[float, float]:
+    """The index of a text such as `1.333+-0.001`, and its standard deviation, 0 if none is given. Raises UsageError."""
+    value, _, deviation = text.replace("±", "+-").partition("+-")
+    try:
+        index = float(value), float(deviation or 0)
+    except ValueError:
+        index = 0.0, 0.0
+    if not (1 < index[0] < 5 and 0 <= index[1] < 1):
+        raise UsageError(f"--in {text}: an index above 1 and its standard deviation are wanted, as 1.333+-0.001.")
+    return index
 
 
 def _photographs(
