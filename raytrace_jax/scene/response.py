@@ -6,7 +6,6 @@ in picture and value. Its value is a field of `structs.CameraResponse`: a parame
 
 import dataclasses
 import itertools
-import math
 from collections.abc import Callable, Container
 from typing import NamedTuple
 
@@ -45,15 +44,28 @@ class Frame(NamedTuple):
     height: int
 
 
-def darken_corners(image: Picture, vignetting: Float[Array, ""], frame: Frame) -> Picture:
-    """Vignetting: light is lost with the squared distance from the whole picture's middle."""
+def from_middle(image: Picture, frame: Frame) -> tuple[Float[Array, " width"], Float[Array, "height 1"]]:
+    """How far columns are to the right and rows below the whole picture's middle, in halves of its width and height."""
     height, width = image.shape[-2:]
     right, down = (
-        jnp.asarray(frame.binning * (np.arange(count) + first + 0.5) - size / 2, image.dtype)
+        jnp.asarray(2 * frame.binning * (np.arange(count) + first + 0.5) / size - 1, image.dtype)
         for count, first, size in ((width, frame.left, frame.width), (height, frame.top, frame.height))
     )
-    to_corner = math.hypot(frame.width, frame.height) / 2
-    return image * (1 - vignetting * ((right**2 + down[:, None] ** 2) / to_corner**2))
+    return right, down[:, None]
+
+
+def lit(image: Picture, light: Float[Array, "5"], frame: Frame) -> Picture:
+    """Light that is uneven: 1 and a quadratic, whose squares have no mean, so that a gain is no light."""
+    u, v = from_middle(image, frame)
+    x, y, xx, xy, yy = light
+    return image * (1 + x * u + y * v + xx * (u**2 - 1 / 3) + xy * (u * v) + yy * (v**2 - 1 / 3))
+
+
+def darken_corners(image: Picture, vignetting: Float[Array, ""], frame: Frame) -> Picture:
+    """Vignetting: light is lost with the squared distance from the whole picture's middle."""
+    u, v = from_middle(image, frame)
+    across, along = frame.width**2, frame.height**2
+    return image * (1 - vignetting * ((across * u**2 + along * v**2) / (across + along)))
 
 
 def power(image: Picture, gamma: Float[Array, ""], frame: Frame) -> Picture:
@@ -79,7 +91,7 @@ class FilmEffect(NamedTuple):
             it are 0.
         is_squared: whether small effects grow with the square of the number.
         is_linear: whether the picture is linear in the number, once all later effects are: its best value has a closed
-            form.
+            form, together with those of the later ones. So light is not, which a gain multiplies.
     """
 
     name: str
@@ -108,13 +120,14 @@ class FilmEffect(NamedTuple):
 
 
 FILM_EFFECTS = (
+    FilmEffect("light", lit, 1e-3, "free it and the other numbers of the light"),
     FilmEffect("vignetting", darken_corners, 1e-3, "free it, or correct the picture"),
     FilmEffect("blur", blurred, 0.7, "free it, or blur as the target is", start=0.7, is_squared=True),
     FilmEffect("gain", lambda image, gain, frame: image * gain[:, None, None], 1e-3, "free it", is_linear=True),
     FilmEffect("offset", lambda image, shift, frame: image + shift[:, None, None], 1e-3, "free it", is_linear=True),
     FilmEffect("gamma", power, 1e-4, "free it, or state how the colours were stored (--transfer)"),
 )
-"""All effects, in the order in which they take effect: on the way through the lens, on the sensor, in storage."""
+"""All effects, in the order in which they take effect: on what is seen, in the lens, on the sensor, in storage."""
 
 
 @with_lower_ranks

@@ -130,6 +130,9 @@ class CameraResponse(eqx.Module):
     Without an effect its field is None, as in a compiled program that leaves out what does nothing.
 
     Args:
+        light: the light (x, y, xx, xy, yy) that falls on what is seen is 1 + x u + y v + xx (u^2 - 1/3) + xy u v
+            + yy (v^2 - 1/3) times what the scene has, with u from -1 at the left to 1 at the right side of the picture
+            and v from -1 at its top to 1 at its bottom.
         vignetting: the fraction of the light that is lost in the picture's corners; it grows with the squared distance
             from the picture's middle.
         blur: standard deviation of a Gaussian point-spread function, in pixels.
@@ -139,6 +142,7 @@ class CameraResponse(eqx.Module):
     """
 
     name: str = eqx.field(static=True)
+    light: Float[Array, "5"] | None = attribute(("x", "y", "xx", "xy", "yy"), default=(0.0,) * 5)
     vignetting: Float[Array, ""] | None = _scalar(0.0, between(-1, 1, is_open=True), Quantity(ranges=((-1.0, 1.0),)))
     blur: Float[Array, ""] | None = _scalar(0.0, NOT_NEGATIVE, Quantity("pixel", ranges=ABOVE_ZERO))
     gain: Float[Array, "3"] | None = attribute(RGB, default=(1.0, 1.0, 1.0), limit=POSITIVE, quantity=AMOUNT)

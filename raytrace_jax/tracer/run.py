@@ -101,7 +101,7 @@ def members(batch: AnyArray, size: int, points: int, batches: int) -> AnyArray:
 def together(found: AnyArray, points: int) -> AnyArray:
     """What was found for points that were `cut`, "pictures batches ... size", in their order: "pictures ... points"."""
     spread = found.transpose((0, *range(2, found.ndim), 1))
-    return spread.reshape((*spread.shape[:-2], -1))[..., :points]
+    return spread.reshape((*spread.shape[:-2], spread.shape[-2] * spread.shape[-1]))[..., :points]
 
 
 def slots_of(batches: int) -> Int[np.ndarray, " batches"]:

@@ -140,6 +140,24 @@ def test_another_picture_is_not_converged(target):
     assert "structure" in result.message
 
 
+@pytest.mark.slow
+def test_uneven_light_is_named_and_fitted():
+    """It falls twofold from the left to the right; a fifth less at the right is named where it is left out."""
+    scene, noise = assignment_scene(), np.random.default_rng(0).normal(0, 0.005, (3, *SIZE[::-1]))
+
+    def lit(x):
+        return np.asarray(render(set_parameters(scene, {**TRUTH, "film.light.x": x}), POINT).image) + noise
+
+    found = fit(scene, lit(-1 / 3), [*FREE, "film.light"], POINT, **NEARBY)
+    assert found.status == "converged", found.message
+    off = np.abs(found.value - [*ANSWER, -1 / 3, 0, 0, 0, 0])
+    assert np.all(off < 3 * found.standard_error) and found["vitreous.ior"].error < 2e-3
+    left_out = fit(scene, lit(-0.1), FREE, POINT, **NEARBY)
+    assert left_out.status == "model_incomplete", left_out.message
+    assert [cause.name for cause in left_out.check.causes] == ["film.light.x"]
+    assert left_out.check.causes[0].amount == pytest.approx(-0.1, rel=0.1) and "free film.light.x" in left_out.advice
+
+
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("samples", "sampling"), [(1, "point"), (6, "box")])
 def test_sampling_is_told_despite_noise(samples, sampling):

@@ -166,7 +166,8 @@ def test_what_a_camera_does_is_named():
     columns = np.concatenate([COLUMNS[:FREE], (light - picture(TRUTH))[None] / TRUTH[2] + COLUMNS[2:]])
     still = linear_problem(columns, light, free=FREE, start=TRUTH)
     changed = film_changes(still, light)
-    for name, amount in (("film.gamma", 0.02), ("film.offset.g", 0.01), ("film.vignetting", -0.05)):
+    changes = {"film.gamma": 0.02, "film.offset.g": 0.01, "film.vignetting": -0.05, "film.light.x": 0.05}
+    for name, amount in changes.items():
         target = light + amount * changed[name].reshape(light.shape) + 0.2 * white()
         problem = linear_problem(columns, target, free=FREE, start=TRUTH)
         found = check_model(state_at(problem), np.ones(FREE), {})
@@ -178,6 +179,7 @@ def test_what_a_camera_does_is_named():
     ("free", "options", "absent", "present"),
     [
         (["film.gain", "film.blur"], {}, {"film.gain", "film.gain.r", "film.blur"}, {"film.offset.g", "film.gamma"}),
+        (["film.light.x"], {}, {"film.light", "film.light.x"}, {"film.light.y", "film.light.xx", "film.gain"}),
         ([], {"fit_exposure": True}, {"film.gain", "film.offset"}, {"film.gain.r", "film.offset.b", "film.blur"}),
     ],
 )

@@ -37,10 +37,10 @@ def test_a_binned_pixel_is_centred(binning: int, base_binning: int, mapping: Pix
 
 
 @pytest.mark.slow
-def test_vignetting_and_binning_commute():
+def test_shades_and_binning_commute():
     problem = posed(dataclasses.replace(WHOLE, crop=CROP))
     light = np.ones((3, 20, 24))
-    film = parse_scene(f"film f {{ vignetting 0.4 }} {CAMERA}").film
+    film = parse_scene(f"film f {{ light 0.2 0.1 0.1 0.1 -0.1 vignetting 0.4 }} {CAMERA}").film
     own = np.asarray(develop(light, film, problem.raster().frame))
     large = np.asarray(develop(bin_pixels(light, 4), film, problem.raster(4).frame))
     np.testing.assert_allclose(large, bin_pixels(own, 4), atol=1e-3)

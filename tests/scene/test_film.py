@@ -15,7 +15,14 @@ from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 WHOLE = Frame(0, 0, 1, 32, 24)
 LIGHT = ndimage.gaussian_filter(np.random.default_rng(0).uniform(0, 1, (3, 24, 32)), (0, 1, 1), mode="nearest")
-VALUES = {"vignetting": 0.2, "blur": 0.8, "gain": (0.9, 1.1, 0.7), "offset": (0.01, -0.02, 0.0), "gamma": 0.8}
+VALUES = {
+    "light": (-0.3, 0.2, 0.1, -0.05, 0.15),
+    "vignetting": 0.2,
+    "blur": 0.8,
+    "gain": (0.9, 1.1, 0.7),
+    "offset": (0.01, -0.02, 0.0),
+    "gamma": 0.8,
+}
 SETTINGS = RenderSettings(size=(32, 24), max_bounces=2)
 
 
@@ -24,8 +31,8 @@ def film_with(**values):
     return dataclasses.replace(film, **{name: jnp.asarray(value, jnp.float64) for name, value in values.items()})
 
 
-def developed(light=LIGHT, frame=WHOLE, **values):
-    return np.asarray(develop(jnp.asarray(light), without_idle(film_with(**values)), frame))
+def developed(image=LIGHT, frame=WHOLE, **values):
+    return np.asarray(develop(jnp.asarray(image), without_idle(film_with(**values)), frame))
 
 
 def test_the_table_has_every_film_effect():
@@ -55,11 +62,23 @@ def test_vignetting_is_what_the_corners_lose():
     assert found[500, 0] == pytest.approx(1 - 0.3 * 1501**2 / (1501**2 + 1001**2), abs=1e-3)
 
 
+def test_light_is_a_quadratic_of_the_picture():
+    """From the left to the right and from the top to the bottom side, also of a crop and of pixels in squares."""
+    white = np.ones((3, 2, 4))
+    u, v = np.array([-0.75, -0.25, 0.25, 0.75]), np.array([[-0.5], [0.5]])
+    wanted = 1 - 0.3 * u + 0.2 * v + 0.1 * (u**2 - 1 / 3) - 0.05 * u * v + 0.15 * (v**2 - 1 / 3)
+    np.testing.assert_allclose(developed(white, Frame(0, 0, 1, 4, 2), light=VALUES["light"])[1], wanted, atol=1e-15)
+    crop = developed(white[:, 1:, 1:3], Frame(1, 1, 1, 4, 2), light=VALUES["light"])
+    np.testing.assert_allclose(crop[2], wanted[1:, 1:3], atol=1e-15)
+    squares = developed(white, Frame(0, 0, 3, 12, 6), light=VALUES["light"])
+    np.testing.assert_allclose(squares[0], wanted, atol=1e-15)
+
+
 def test_a_part_is_developed_as_the_whole():
     """A crop knows where in the whole picture it is."""
-    crop = Frame(8, 5, 1, 32, 24)
-    found = developed(LIGHT[:, 5:20, 8:30], crop, vignetting=0.3, gain=(1.1, 1, 1))
-    np.testing.assert_allclose(found, developed(vignetting=0.3, gain=(1.1, 1, 1))[:, 5:20, 8:30], atol=1e-15)
+    crop, film = Frame(8, 5, 1, 32, 24), {"light": VALUES["light"], "vignetting": 0.3, "gain": (1.1, 1, 1)}
+    found = developed(LIGHT[:, 5:20, 8:30], crop, **film)
+    np.testing.assert_allclose(found, developed(**film)[:, 5:20, 8:30], atol=1e-15)
 
 
 def test_the_blur_is_scipys_gaussian():

@@ -17,7 +17,7 @@ from raytrace_jax.inverse.problem.unknowns import Covariance, Image
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.scene.response import FILM, FILM_EFFECTS, FilmEffect, develop_compiled, neutral_response, without_idle
 from raytrace_jax.scene.scene import CameraResponse
-from raytrace_jax.scene.schema import Attribute, Range
+from raytrace_jax.scene.schema import RGB, Attribute, Range
 from raytrace_jax.util.numerics import TINY, solve_normal
 
 SIGNIFICANT = 4.5
@@ -137,7 +137,8 @@ def film_candidates(
     for effect in FILM_EFFECTS:
         values = np.atleast_1d(np.asarray(getattr(film, effect.name)))
         whole = f"{film.name}.{effect.name}"
-        parts = {whole: range(len(values))}
+        # What the light's numbers do differs, and all of them together are no likely cause.
+        parts = {whole: range(len(values))} if effect.attribute.components in ((), RGB) else {}
         parts |= {f"{whole}.{one}": range(k, k + 1) for k, one in enumerate(effect.attribute.components)}
         for name, places in parts.items():
             value, stated = float(values[places[0]]), uncertain.get(name, 0.0)
