@@ -169,7 +169,7 @@ def budget(adjusted: Adjusted) -> Budget:
     variance = covariance[AT.ior, AT.ior]
     setup, groups = Setup.of(adjusted.joint[:COUNT]), {"lens": AT.lens}
     groups |= {"radius and ruler": [AT.radius]} if setup.radius > 0 else {"thickness and ruler": [AT.thickness]}
-    groups |= {"walls": [AT.wall]} if setup.wall > 0 else {}
+    groups |= {"walls": [AT.wall, AT.wall_ior]} if setup.wall > 0 else {}
     groups |= {"liquid": [AT.liquid]} if setup.depth > 0 else {}
 
     def exact(names: Sequence[str]) -> float:

@@ -47,9 +47,16 @@ BAD_INPUT = [
     (2, [*BALL, "--tank", "60mm"], ["--radius of a ball or --tank"]),
     (2, [*BALL, "--wall", "3mm,1.49"], ["--wall: is of a tank, and --tank is missing"]),
     (2, [*PHOTO, "--tank", "60"], ["--tank", "it has no unit"]),
-    (2, [*PHOTO, "--tank", "60mm", "--wall", "3mm"], ["--wall 3mm: LENGTH+-SD,INDEX is wanted"]),
-    (2, [*PHOTO, "--tank", "60mm", "--wall", "30mm,1.49"], ["walls that leave room within the 60mm of the tank"]),
-    (2, [*PHOTO, "--tank", "60mm", "--fit"], ["--fit: is for a ball, and --tank came"]),
+    (2, [*PHOTO, "--tank", "60mm", "--wall", "3mm"], ["--wall: an index above 1", "as 3+-0.1mm,1.49"]),
+    (
+        2,
+        [*PHOTO, "--tank", "60mm", "--wall", "30mm,1.49"],
+        ["--wall 30mm,1.49: two such walls leave no room"],
+    ),
+    (2, [*BALL, "--in", "0.9"], ["--in: an index above 1", "as 1.333+-0.001"]),
+    (2, [*BALL, "--in", "1.333", "--fit"], ["--fit: is for a ball in air, and --in came"]),
+    (2, [*PHOTO, "--tank", "60mm", "--in", "1.333"], ["--in: is for a ball, and --tank came"]),
+    (2, [*PHOTO, "--tank", "60mm", "--fit"], ["--fit: is for a ball in air, and --tank came"]),
     (2, [*PHOTO[:4], "--radius", "20mm"], ["--output"]),
     (2, ["photo", "photo.png", "--radius", "20mm", "-o", "out"], ["--board"]),
     (2, ["photo", *BALL[2:]], ["PHOTO: no photograph came"]),
@@ -120,8 +127,8 @@ def located_at(numbers, error):
 
 
 def corners_say(monkeypatch, known):
-    """Corners that say half more than its place of each number, and what the sheets are drawn with."""
-    located = located_at(AT.vector + 0.5, 0.012)
+    """Corners that say half more than its place of each number of a ball, and what the sheets are drawn with."""
+    located = located_at((AT.vector + 0.5) * (AT.vector <= AT.radius), 0.012)  # No tank and no liquid.
     adjusted = SimpleNamespace(joint=located.setup.vector, covariance=located.covariance, known=known)
     together = Together({0: located}, {}, {}, {}, adjusted)  # pyright: ignore
     drawn = []

@@ -1,24 +1,22 @@
 """`calibrate` and `photo`: from pictures of a board to a lens, and from photographs of a ball to its index."""
 
-import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from rich.console import Console
 
 from raytrace_jax.cli.actions.fit import NOT_CONVERGED, provenance
-from raytrace_jax.cli.console import UsageError, blamed_on, print_table, print_warning, stderr_console
+from raytrace_jax.cli.actions.photo_input import measured_of, photographs_in
+from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Calibrate, Photo
 from raytrace_jax.cli.preparation import check_file, check_folder
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import PictureError
-from raytrace_jax.images import Transfer
-from raytrace_jax.images.exif import angle_of_view, camera_of, orientation_of
-from raytrace_jax.images.pictures import is_photograph, read_picture, transfer_of_camera
+from raytrace_jax.images.exif import angle_of_view
+from raytrace_jax.images.pictures import is_photograph
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.judge.assumptions import Contradiction, looks_like
 from raytrace_jax.inverse.result import last_word
@@ -30,10 +28,9 @@ from raytrace_jax.photo.flattened import Flattened, flatten
 from raytrace_jax.photo.geometry import AT
 from raytrace_jax.photo.lens import Turn, read_lens, uncalibrated, write_lens
 from raytrace_jax.photo.locate import Located, Together, locate_together
-from raytrace_jax.photo.markers import is_mirrored
 from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, joined, shown, told_together
 from raytrace_jax.photo.outline import Disc
-from raytrace_jax.photo.photograph import Photograph, photograph_of
+from raytrace_jax.photo.photograph import Photograph
 from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
@@ -43,10 +40,6 @@ from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.digits import with_error
 from raytrace_jax.util.files import atomic_write, json_text, write_text
 from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import with_tolerance
-
-UNMEASURED = "100+-0.1 mm"
-"""A ruler that nobody measured: printers are right to about a thousandth."""
 
 
 def run_calibrate(command: Calibrate) -> int:
@@ -55,7 +48,7 @@ def run_calibrate(command: Calibrate) -> int:
     console = stderr_console(quiet=command.quiet)
     with jax_session(64), Timer("calibrating", console) as timer:
         board = read_board(command.board)
-        photographs = [photograph for _, photograph in _photographs(command.photos, command.transfer, board)]
+        photographs = [photograph for _, photograph in photographs_in(command.photos, command.transfer, board)]
         found = calibrate(photographs, board)
         timer.took("calibrating")
     comment = f"A lens by raytrace-jax calibrate, from {len(photographs)} pictures of {command.board.name}."
@@ -76,7 +69,7 @@ def run_photo(command: Photo) -> int:
     """Find cameras, ball or tank, and index; write sheets, numbers and scenes, with --fit also a fit's report."""
     if not command.photos:
         raise UsageError("PHOTO: no photograph came, and one or several are wanted.")
-    measured = _measured(command)
+    measured = measured_of(command)
     check_folder(folder := command.output)
     console, several = stderr_console(quiet=command.quiet), len(command.photos) > 1
     for option, is_given in (("--ball", command.ball is not None), ("--fit", command.fit)):
@@ -87,7 +80,7 @@ def run_photo(command: Photo) -> int:
     with jax_session(64):
         with Timer("corners", console) as timer:
             board = read_board(command.board)
-            pictures = list(_photographs(command.photos, command.transfer, board))
+            pictures = list(photographs_in(command.photos, command.transfer, board))
             for _, photograph in pictures:
                 # Few steps of a file part paper and ink where the brightest hundredth is so dark.
                 if (white := float(np.percentile(photograph.light, 99))) < 0.03:
@@ -237,105 +230,6 @@ def print_located(together: Together, paths: Sequence[Path], long: bool = False)
                 f"{paths[k]} alone tells an index of {with_error(index, error, long)}, {abs(off) / error:.1f} of its "
                 "errors from that of all: is it the same ball or liquid, and does its sheet show corners that are none?"
             )
-
-
-def _measured(command: Photo) -> Measured:
-    """What was measured of ball or tank, in the board's millimetres, with standard deviations. Raises UsageError."""
-    if (command.radius is None) == (command.tank is None):
-        raise UsageError("--radius of a ball or --tank, the thickness of a tank: one of the two is wanted.")
-    if command.wall and command.tank is None:
-        raise UsageError("--wall: is of a tank, and --tank is missing.")
-    if command.liquid and command.tank:
-        raise UsageError("--in: is for a ball, and --tank came.")
-    given = {"--radius": command.radius, "--tank": command.tank, "--ruler": command.ruler or UNMEASURED}
-    sizes: dict[str, tuple[float, float]] = {}
-    examples = {"--radius": "24.55+-0.01mm", "--tank": "60.2+-0.05mm", "--ruler": "99.93+-0.03mm"}
-    for option, text in given.items():
-        if text is not None:
-            with blamed_on(option):
-                sizes[option] = with_tolerance(text)
-            if not sizes[option][1]:
-                print_warning(
-                    f"{option} has no standard deviation and counts as exact: state it as {examples[option]}, for 0.1 "
-                    f"% of it are about {'0.0005' if command.tank else '0.002'} of the index."
-                )
-    if command.ruler is None:
-        print_warning(
-            f"the board's ruler was not measured and counts as {UNMEASURED}: measure it, and state it with --ruler."
-        )
-    ruler, off = sizes["--ruler"]
-
-    def there(size: tuple[float, float]) -> tuple[float, float]:
-        """A size on the board, where the ruler is 100 mm long."""
-        length = size[0] * 100 / ruler
-        return length, length * math.hypot(size[1] / size[0], off / ruler)
-
-    if command.radius is not None:
-        radius = there(sizes["--radius"])
-        if command.liquid is None:
-            return {"radius": radius}
-        # Where the surface is hardly matters, for the board lies in the liquid too: some radii above it.
-        return {"radius": radius, "liquid": _index(command.liquid), "depth": (5 * radius[0], 4 * radius[0])}
-    measured = {"thickness": there(sizes["--tank"])}
-    if command.wall:
-        thickness, _, ior = command.wall.partition(",")
-        with blamed_on("--wall"):
-            try:
-                measured |= {"wall": there(with_tolerance(thickness)), "wall_ior": (float(ior), 0.0)}
-            except ValueError:
-                wanted = "LENGTH+-SD,INDEX is wanted, as 3+-0.1mm,1.49"
-                raise UsageError(f"--wall {command.wall}: {wanted}.") from None
-        if not measured["wall_ior"][0] >= 1 or 2 * measured["wall"][0] >= measured["thickness"][0]:
-            raise UsageError(
-                f"--wall {command.wall}: an index of 1 or more and walls that leave room within the {command.tank} of "
-                "the tank are wanted."
-            )
-    return measured
-
-
-def _index(text: str) -> tuple[float, float]:
-    """The index of a text such as `1.333+-0.001`, and its standard deviation, 0 if none is given. Raises UsageError."""
-    value, _, deviation = text.replace("±", "+-").partition("+-")
-    try:
-        index = float(value), float(deviation or 0)
-    except ValueError:
-        index = 0.0, 0.0
-    if not (1 < index[0] < 5 and 0 <= index[1] < 1):
-        raise UsageError(f"--in {text}: an index above 1 and its standard deviation are wanted, as 1.333+-0.001.")
-    return index
-
-
-def _photographs(
-    paths: Sequence[Path], transfer: Transfer | None, board: CharucoBoard
-) -> Iterator[tuple[Float[np.ndarray, "3 height width"], Photograph]]:
-    """Read pictures that a camera took, mirrored ones mirrored back.
-
-    That files do not say how their numbers were made is told once.
-    """
-    told, said = set(), {}
-    for path in paths:
-        for word, value in camera_of(path).items():
-            other, known = said.setdefault(word, (path, value))
-            if known != value:
-                raise PictureError(
-                    f"{path}: its EXIF tells {word} as {value}, and that of {other} as {known}: one camera and one "
-                    "zoom are wanted."
-                )
-        taken = transfer or transfer_of_camera(path)
-        if taken is not None and taken not in (transfer, *told):
-            told.add(taken)
-            usual = "as cameras store 8 bits" if taken == "srgb" else "linear, as more than 8 bits mostly are"
-            print_warning(
-                f"{path} does not say how its colours were stored: read with --transfer {taken}, {usual}"
-                f"{', and so are others like it' if len(paths) > 1 else ''}; --transfer decides."
-            )
-        image = read_picture(path, transfer=taken)
-        photograph = photograph_of(image, str(path), orientation_of(path))
-        if is_mirrored(photograph.grey, board):
-            print_warning(f"{path} is mirrored, as a front camera may save it: it was mirrored back.")
-            image = image[..., ::-1]
-            photograph = photograph_of(image, photograph.name, photograph.orientation)
-        yield image, photograph
 
 
 def _locate(command: Photo, photographs: Sequence[Photograph], board: CharucoBoard, measured: Measured) -> Together:

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Sequence
 
-from raytrace_jax.cli.console import print_table, stderr_console
+from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.scenes import Export, Format, Import, Info, New, Scenes
 from raytrace_jax.cli.preparation import check_file, read_picture_scene, read_scene
 from raytrace_jax.errors import RaytraceError
@@ -17,11 +17,31 @@ from raytrace_jax.scene.writer import format_scene, plain_value, save_scene, val
 from raytrace_jax.util.files import json_text, write_text
 from raytrace_jax.util.session import jax_session
 
+IN_LIQUID = """
+material liquid {{
+    ior {:g}
+    transmission 1
+}}
+
+# All that lies behind its surface is in the liquid, the board too.
+plane surface {{
+    material liquid
+    normal 0 0 1
+    point 0 0 2  # ! on the surface
+}}
+"""
+"""What a scene with a liquid has besides."""
+
 
 def run_new(command: New) -> None:
     if command.output.exists():
         raise RaytraceError(f"{command.output}: it is there already, and a scene that was measured is not overwritten.")
-    write_text(command.output, bundled_scenes()[command.scene].read_text(encoding="utf-8"))
+    text = bundled_scenes()[command.scene].read_text(encoding="utf-8")
+    if command.liquid is not None:
+        if command.scene != "ball" or not command.liquid >= 1:
+            raise UsageError(f"--in {command.liquid}: the index of a liquid, 1 or more, is for the scene of a ball.")
+        text += IN_LIQUID.format(command.liquid)
+    write_text(command.output, text)
     print(command.output)
 
 

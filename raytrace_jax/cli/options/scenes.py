@@ -179,6 +179,8 @@ class New(shared.CommandOptions):
     """What it shows. ball: a ball of glass before a checkered board; tank: the board behind a tank of water."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="SCENE")]
     """The file to write; one that is there stays."""
+    liquid: Annotated[float | None, arg(name="in", metavar="INDEX")] = None
+    """Ball and board lie in a liquid of this index, as 1.333, and the camera is outside."""
 
 
 class FileOptions(shared.SceneOptions):

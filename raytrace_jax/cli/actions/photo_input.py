@@ -1,0 +1,116 @@
+"""What `calibrate` and `photo` are given: what was measured of ball or tank, and photographs."""
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from raytrace_jax.cli.console import UsageError, blamed_on, print_warning
+from raytrace_jax.cli.options.fits import Photo
+from raytrace_jax.errors import PictureError
+from raytrace_jax.images import Transfer
+from raytrace_jax.images.exif import camera_of, orientation_of
+from raytrace_jax.images.pictures import read_picture, transfer_of_camera
+from raytrace_jax.photo.boards import CharucoBoard
+from raytrace_jax.photo.bundle import Measured
+from raytrace_jax.photo.markers import is_mirrored
+from raytrace_jax.photo.photograph import Photograph, photograph_of
+from raytrace_jax.util.text import with_tolerance
+
+UNMEASURED = "100+-0.1 mm"
+"""A ruler that nobody measured: printers are right to about a thousandth."""
+
+
+def measured_of(command: Photo) -> Measured:
+    """What was measured of ball or tank, in the board's millimetres, with standard deviations. Raises UsageError."""
+    if (command.radius is None) == (command.tank is None):
+        raise UsageError("--radius of a ball or --tank, the thickness of a tank: one of the two is wanted.")
+    if command.wall and command.tank is None:
+        raise UsageError("--wall: is of a tank, and --tank is missing.")
+    if command.liquid and command.tank:
+        raise UsageError("--in: is for a ball, and --tank came.")
+    given = {"--radius": command.radius, "--tank": command.tank, "--ruler": command.ruler or UNMEASURED}
+    sizes: dict[str, tuple[float, float]] = {}
+    examples = {"--radius": "24.55+-0.01mm", "--tank": "60.2+-0.05mm", "--ruler": "99.93+-0.03mm"}
+    for option, text in given.items():
+        if text is not None:
+            with blamed_on(option):
+                sizes[option] = with_tolerance(text)
+            if not sizes[option][1]:
+                print_warning(
+                    f"{option} has no standard deviation and counts as exact: state it as {examples[option]}, for 0.1 "
+                    f"% of it are about {'0.0005' if command.tank else '0.002'} of the index."
+                )
+    if command.ruler is None:
+        print_warning(
+            f"the board's ruler was not measured and counts as {UNMEASURED}: measure it, and state it with --ruler."
+        )
+    ruler, off = sizes["--ruler"]
+
+    def there(size: tuple[float, float]) -> tuple[float, float]:
+        """A size on the board, where the ruler is 100 mm long."""
+        length = size[0] * 100 / ruler
+        return length, length * math.hypot(size[1] / size[0], off / ruler)
+
+    if command.radius is not None:
+        radius = there(sizes["--radius"])
+        if command.liquid is None:
+            return {"radius": radius}
+        # Where the surface is hardly matters, for the board lies in the liquid too: some radii above it.
+        return {"radius": radius, "liquid": _index("--in", command.liquid), "depth": (5 * radius[0], 4 * radius[0])}
+    measured = {"thickness": there(sizes["--tank"])}
+    if command.wall:
+        thickness, _, ior = command.wall.partition(",")
+        with blamed_on("--wall"):
+            measured |= {"wall": there(with_tolerance(thickness)), "wall_ior": _index("--wall", ior)}
+        if 2 * measured["wall"][0] >= measured["thickness"][0]:
+            raise UsageError(f"--wall {command.wall}: two such walls leave no room within {command.tank}.")
+    return measured
+
+
+def _index(option: str, text: str) -> tuple[float, float]:
+    """The index of a text such as `1.333+-0.001`, and its standard deviation, 0 if none is given. Raises UsageError."""
+    value, _, deviation = text.replace("±", "+-").partition("+-")
+    try:
+        index = float(value), float(deviation or 0)
+    except ValueError:
+        index = 0.0, 0.0
+    if not (1 < index[0] < 5 and 0 <= index[1] < 1):
+        wanted = "3+-0.1mm,1.49" if option == "--wall" else "1.333+-0.001"
+        raise UsageError(f"{option}: an index above 1, and its standard deviation if it errs, is wanted, as {wanted}.")
+    return index
+
+
+def photographs_in(
+    paths: Sequence[Path], transfer: Transfer | None, board: CharucoBoard
+) -> Iterator[tuple[Float[np.ndarray, "3 height width"], Photograph]]:
+    """Read pictures that a camera took, mirrored ones mirrored back.
+
+    That files do not say how their numbers were made is told once.
+    """
+    told, said = set(), {}
+    for path in paths:
+        for word, value in camera_of(path).items():
+            other, known = said.setdefault(word, (path, value))
+            if known != value:
+                raise PictureError(
+                    f"{path}: its EXIF tells {word} as {value}, and that of {other} as {known}: one camera and one "
+                    "zoom are wanted."
+                )
+        taken = transfer or transfer_of_camera(path)
+        if taken is not None and taken not in (transfer, *told):
+            told.add(taken)
+            usual = "as cameras store 8 bits" if taken == "srgb" else "linear, as more than 8 bits mostly are"
+            print_warning(
+                f"{path} does not say how its colours were stored: read with --transfer {taken}, {usual}"
+                f"{', and so are others like it' if len(paths) > 1 else ''}; --transfer decides."
+            )
+        image = read_picture(path, transfer=taken)
+        photograph = photograph_of(image, str(path), orientation_of(path))
+        if is_mirrored(photograph.grey, board):
+            print_warning(f"{path} is mirrored, as a front camera may save it: it was mirrored back.")
+            image = image[..., ::-1]
+            photograph = photograph_of(image, photograph.name, photograph.orientation)
+        yield image, photograph
