@@ -59,7 +59,7 @@ class Setup(NamedTuple):
     thickness: Float[Any, ""] = 0.0
     wall: Float[Any, ""] = 0.0
     wall_ior: Float[Any, ""] = 0.0
-    liquid: Float[Any, ""] = 0.0
+    liquid: Float[Any, ""] = 1.0
     depth: Float[Any, ""] = 0.0
 
     @classmethod

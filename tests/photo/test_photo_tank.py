@@ -1,4 +1,4 @@
-"""A tank before a board: rays by Snell's law at each face, derivatives, and the index of a liquid from a photograph."""
+"""Liquids before a board, in a tank or around a ball: Snell's law, derivatives, and an index from a photograph."""
 
 import jax
 import jax.numpy as jnp
@@ -7,10 +7,10 @@ import photographed_boards as boards
 import pytest
 from photographed_boards import FOV, HEIGHT, SIZE, WIDTH
 
-from raytrace_jax import PictureError
+from raytrace_jax import PictureError, build
 from raytrace_jax.photo import geometry
 from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
-from raytrace_jax.photo.geometry import COUNT, Setup
+from raytrace_jax.photo.geometry import AT, COUNT, Setup
 from raytrace_jax.photo.lens import LensPrior, uncalibrated
 from raytrace_jax.photo.locate import locate, locate_together
 from raytrace_jax.photo.opinions import budget
@@ -25,7 +25,7 @@ INDEX, TILT = 1.36, (0.05, -0.03)
 
 
 def tank(ior=INDEX, tilt=TILT, thickness=60.0, wall=3.0, wall_ior=1.49):
-    numbers = np.array([*POSE, FOV, 0, 0, 0, 0, ior, 0, 0, 0, 0, *tilt, thickness, wall, wall_ior, 0, 0])
+    numbers = np.array([*POSE, FOV, 0, 0, 0, 0, ior, 0, 0, 0, 0, *tilt, thickness, wall, wall_ior, 1, 0])
     return Setup.of(numbers)
 
 
@@ -54,36 +54,46 @@ def test_rays_obey_snell_at_each_face(wall):
         np.testing.assert_allclose(seen.place, places, atol=1e-9)
 
 
-@pytest.mark.parametrize("ior", [1.0, 1.36])
-def test_derivatives_are_differences(ior):
-    setup, pixels = tank(ior), jnp.asarray([[30.0, 40.0], [500.0, 400.0]])
+PIXELS = jnp.asarray([[300.0, 200.0], [335.0, 260.0], [310.0, 230.0], [325.0, 245.0]])
 
-    @jax.jit
-    def places(numbers):
-        return geometry.see_through(Setup.of(numbers), SIZE, pixels).place
 
+@jax.jit
+def places(numbers):
+    """Where pixels see the board, directly and through what is before it."""
+    setup = Setup.of(numbers)
+    return jnp.stack([see(setup, SIZE, PIXELS).place for see in (geometry.see_through, geometry.see_directly)])
+
+
+FORWARD, BACKWARD = jax.jit(jax.jacfwd(places)), jax.jit(jax.jacrev(places))
+
+
+def in_liquid():
+    """A ball in a liquid."""
+    numbers = {"radius": 20.0, "liquid": 1.33, "depth": 110.0}
+    ball = tank(1.7, (0, 0), 0.0)._replace(center=np.array([3.0, -2.0, 60.0]))
+    return ball._replace(**{name: np.float64(value) for name, value in numbers.items()})
+
+
+@pytest.mark.parametrize("setup", [tank(1.0), tank(), in_liquid()], ids=["air", "tank", "liquid"])
+def test_derivatives_are_differences(setup):
     numbers, steps = setup.vector, np.full(COUNT, 1e-5)
     steps[8] = 1e-3  # k2 does nearly nothing near the middle.
-    wanted = np.stack(
-        [
-            (places(numbers + h * e) - places(numbers - h * e)) / (2 * h)
-            for h, e in zip(steps, np.eye(COUNT), strict=True)
-        ],
-        axis=-1,
-    )
-    for mode in (jax.jacfwd, jax.jacrev):
-        np.testing.assert_allclose(mode(places)(numbers), wanted, rtol=1e-5, atol=1e-6)
+    moves = [(by * direction, 2 * by) for by, direction in zip(steps, np.eye(COUNT), strict=True)]
+    wanted = np.stack([(places(numbers + by) - places(numbers - by)) / span for by, span in moves], axis=-1)
+    # A thickness of 0 is no tank, and a depth of 0 no liquid.
+    smooth = ~np.isin(np.arange(COUNT), [AT.thickness, AT.depth]) | (numbers > 0)
+    for mode in (FORWARD, BACKWARD):
+        np.testing.assert_allclose(mode(numbers)[..., smooth], wanted[..., smooth], rtol=2e-5, atol=2e-6)
 
 
-def test_grazing_rays_have_finite_derivatives():
+@pytest.mark.parametrize(
+    "setup",
+    [tank(ior=0.5), tank(tilt=(1e3, 0.0)), tank(tilt=(0.0, -2.2)), in_liquid()._replace(liquid=np.float64(0.5))],
+    ids=["critical", "along", "behind", "liquid"],
+)
+def test_grazing_rays_have_finite_derivatives(setup):
     """Past the critical angle of a liquid below 1, and along the faces."""
-    pixels = jnp.asarray([[0.0, 0.0], [639.0, 479.0], [320.0, 240.0]])
-    for setup in (tank(ior=0.5), tank(tilt=(1e3, 0.0)), tank(tilt=(0.0, -2.2))):
-        for mode in (jax.jacfwd, jax.jacrev):
-            slope = mode(lambda x, p=pixels: geometry.see_through(Setup.of(x), SIZE, p).place)(
-                jnp.asarray(setup.vector)
-            )
-            assert np.isfinite(slope).all()
+    assert np.isfinite(FORWARD(setup.vector)).all() and np.isfinite(BACKWARD(setup.vector)).all()
 
 
 def photographed(board, setup, seed, covers=lambda pixels: pixels[:, 0] < WIDTH * 0.55):
@@ -158,3 +168,41 @@ def test_thickness_and_index_are_told_together():
         return adjust([view], known).views[0].ior[1]
 
     assert error(30.0) > 20 * error(0.03)
+
+
+def test_rays_obey_snell_in_a_liquid():
+    """At its surface, at both sides of the ball, down to the board; and places are found where they are seen."""
+    setup = in_liquid()
+    sight = Sight(setup, SIZE)
+    middle, radius = sight.outline
+    pixels = middle + 0.8 * radius * np.random.default_rng(4).uniform(-0.7, 0.7, (20, 2))
+    origins, directions = geometry.pixel_rays(Setup.of(jnp.asarray(setup.vector)), SIZE, jnp.asarray(pixels))
+    seen, up = [], np.array([0.0, 0.0, 1.0])
+    for o, d in zip(np.asarray(origins).T, np.asarray(directions).T, strict=True):
+        o, d = o + d * (110.0 - o[2]) / d[2], refracted(d, up, 1 / 1.33)
+        direct = (o - d * o[2] / d[2])[:2]
+        for side, ratio in ((-1, 1.33 / 1.7), (1, 1.7 / 1.33)):
+            off = o - setup.center
+            along = -off @ d + side * np.sqrt((off @ d) ** 2 - off @ off + 400.0)
+            o = o + along * d
+            d = refracted(d, -side * (o - setup.center) / 20.0, ratio)
+        seen.append([*direct, *(o - d * o[2] / d[2])[:2]])
+    through = sight.through(pixels)
+    assert through.valid.all()
+    np.testing.assert_allclose(np.hstack([sight.directly(pixels)[0], through.place]), seen, atol=1e-9)
+    np.testing.assert_allclose(sight.where(sight.directly(pixels)[0]), pixels, atol=1e-4)
+
+
+@pytest.mark.slow
+def test_a_ball_in_a_liquid_is_read(wide_board):
+    """As the tracer renders it, the surface of the water at a height that nobody states."""
+    water = build.material("water", transmission=1, ior=1.333)
+    surface = build.plane("surface", material="water", normal=(0, 0, 1), point=(0, 0, 140.0))
+    dense = build.material("dense", transmission=1, ior=1.75)
+    ball = build.sphere("ball", material="dense", center=(4.0, -3.0, 65.0), radius=20.0)
+    light = boards.seen_by(boards.CAMERA, wide_board, water, dense, surface, ball)
+    measured = {"radius": (20.0, 0.002), "liquid": (1.333, 5e-4), "depth": (100.0, 80.0)}
+    found = locate(photograph_of(boards.taken(light, 6), "in water"), wide_board, measured, LENS)
+    index, error = found.ior
+    assert abs(index - 1.75) < 3 * error and error < 5e-3
+    assert abs(found.setup.depth - 140) < 4 * found.errors.depth

@@ -204,8 +204,8 @@ class Photo(PhotoOptions):
     """The ball's radius and how well it is known, as 20mm or 20+-0.01mm. The index depends on it: 0.1 % of the radius
     is 0.002 of the index or so."""
     liquid: Annotated[str | None, arg(name="in", metavar="INDEX+-SD")] = None
-    """The index of a liquid in which ball and board lie, as 1.333+-0.001. The camera is outside; the liquid's surface is
-    flat and parallel to the board."""
+    """The index of a liquid in which ball and board lie, as 1.333+-0.001. The camera is outside, and the surface of the
+    liquid is flat and parallel to the board."""
     tank: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
     """In place of a radius the thickness of a tank, from the outside of one wall to that of the other, as 60+-0.1mm."""
     wall: Annotated[str | None, arg(metavar="LENGTH+-SD,INDEX")] = None
