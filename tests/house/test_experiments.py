@@ -67,6 +67,7 @@ NEEDS_OTHER_PROGRAMS = {
     "photograph/lab.py": "povray",
     "photograph/light.py": "povray",
     "photograph/rooms.py": "povray",
+    "photograph/tank_lab.py": "povray",
     "photograph/tanks.py": "povray",
     "physical/beside_mitsuba.py": "mitsuba",
     "physical/fits.py": "povray",
