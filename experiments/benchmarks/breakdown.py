@@ -44,7 +44,7 @@ def stage_milliseconds(rounds: int) -> dict[str, float]:
     chunks = all_chunks(scene, resolve_settings(scene, SETTINGS))
 
     def intersected(world, rays, live, _):
-        return intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
+        return intersect(world.shapes, rays, live, world.unit, settings)
 
     def shaded(world, rays, live, number):
         return trace_level(world, rays, live, number, settings)

@@ -1,7 +1,6 @@
 """The table of a batch's jobs, and the page of them with their pictures."""
 
 import csv
-import importlib.util
 import io
 import math
 from collections.abc import Mapping, Sequence
@@ -12,9 +11,9 @@ from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, Row, cell_text, target
 from raytrace_jax.batch.run import JobRecord, read_record
 from raytrace_jax.report.panels import page_template
 from raytrace_jax.util.digits import with_error
-from raytrace_jax.util.files import atomic_write, write_text
+from raytrace_jax.util.files import write_text
 
-CSV, PARQUET, PAGE = "results.csv", "results.parquet", "index.html"
+CSV, PAGE = "results.csv", "index.html"
 
 
 def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
@@ -34,32 +33,19 @@ def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
     return [{name: row.get(name) for name in columns} for row in flat]
 
 
-def write_table(rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Write `results.csv` and, where pyarrow is installed, `results.parquet`; return the paths."""
+def write_table(rows: Sequence[Row], folder: Path) -> Path:
+    """Write `results.csv`; return its path."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     write_text(folder / CSV, text.getvalue())
-    if not has_parquet():
-        return [folder / CSV]
-    import pyarrow
-    import pyarrow.parquet
-
-    columns = {name: [row[name] for row in rows] for name in rows[0]}
-    with atomic_write(folder / PARQUET) as temporary:
-        pyarrow.parquet.write_table(pyarrow.table(columns), temporary)
-    return [folder / CSV, folder / PARQUET]
-
-
-def has_parquet() -> bool:
-    """Whether Parquet files can be written; what they need is in the extra `batch`."""
-    return importlib.util.find_spec("pyarrow") is not None
+    return folder / CSV
 
 
 def remove_tables(folder: Path) -> None:
     """Remove the files of an earlier run, so that none is there while jobs are missing from it."""
-    for name in (CSV, PARQUET, PAGE):
+    for name in (CSV, PAGE):
         (folder / name).unlink(missing_ok=True)
 
 

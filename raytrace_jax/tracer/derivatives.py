@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import jax
@@ -50,10 +50,7 @@ class PictureDerivatives(NamedTuple):
 
 
 def picture_derivatives(
-    scene: Scene,
-    names: Iterable[str],
-    settings: RenderSettings | None = None,
-    on_step: Callable[[str], None] | None = None,
+    scene: Scene, names: Iterable[str], settings: RenderSettings | None = None
 ) -> PictureDerivatives:
     """Render a picture and differentiate each of its pixels with respect to parameters, in forward mode.
 
@@ -63,7 +60,6 @@ def picture_derivatives(
         settings: what to render, without its AOVs; None is what the scene's file says. Without `edges` the picture is
             that of points and the derivative that of areas; with `edges="point"` it is that of the colours at the
             pixels' points: what edges that move gain or lose is not in it.
-        on_step: called with a scalar parameter's name when its derivative is there.
 
     Returns:
         The picture, and for each number the change of the picture per unit of it.
@@ -95,9 +91,6 @@ def picture_derivatives(
         by_all[list(traced)] = jacobian
         frame = settings.frame(scene.camera.pixeldim)
         image, jacobian = develop_derivatives(image, by_all, values, filmed, Named(scalars), frame)
-    if on_step:
-        for name in scalars:
-            on_step(name)
     units = tuple(resolve(scene, name).attribute.unit for name in scalars)
     image, jacobian = jax.device_put((image, jacobian))
     return PictureDerivatives(image, scalars, jacobian, units)
@@ -181,7 +174,6 @@ def finite_differences(
     settings: RenderSettings | None = None,
     step: float = 6e-3,
     samples: int = 16,
-    on_step: Callable[[str], None] | None = None,
 ) -> Float[np.ndarray, "parameters 3 height width"]:
     """Difference quotients of point-sampled pictures, which include the motion of edges and need no derivative.
 
@@ -193,7 +185,6 @@ def finite_differences(
         step: how far a parameter moves to either side, in its own unit. An edge has to cross several samples on the
             way, or the difference is noise.
         samples: the pictures have `samples` x `samples` rays a pixel, 1 to 64.
-        on_step: called with a scalar parameter's name when its difference is there.
 
     Raises:
         ParameterError: as `picture_derivatives`; or a parameter cannot move by the step, or not visibly in its dtype.
@@ -212,8 +203,6 @@ def finite_differences(
         width = float(get_parameter(ahead, name)) - float(get_parameter(behind, name))
         after, before = (np.asarray(render(end, settings).image) for end in (ahead, behind))
         differences.append((after - before) / after.dtype.type(width))
-        if on_step:
-            on_step(name)
     return np.stack(differences)
 
 
@@ -273,7 +262,6 @@ def steady_differences(
     settings: RenderSettings | None = None,
     step: float | None = None,
     samples: int | None = None,
-    on_step: Callable[[str], None] | None = None,
 ) -> Differences:
     """Central finite differences of a picture by two steps, the second half of the first, to check derivatives against.
 
@@ -292,7 +280,7 @@ def steady_differences(
     first = 0.006 if step is None else step
 
     def differ(names: Iterable[str], halvings: int) -> Float[np.ndarray, "parameters 3 height width"]:
-        return finite_differences(scene, names, settings, first / 2**halvings, samples, on_step)
+        return finite_differences(scene, names, settings, first / 2**halvings, samples)
 
     # Of all parameters first: a step that one cannot take is refused before the work.
     pairs = zip(scalars, differ(scalars, 0), differ(scalars, 1), strict=True)

@@ -12,7 +12,6 @@ from raytrace_jax.scene.scene import Background, ChannelMaterials, PointLights, 
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.slabs import with_planes
 from raytrace_jax.scene.table import BLOCK_TYPES
-from raytrace_jax.tracer.geometry.intersection import Clusters, make_clusters
 from raytrace_jax.tracer.geometry.rays import Number, Scalars
 from raytrace_jax.tracer.geometry.shape_types import repeated, scene_shapes, shape_materials
 from raytrace_jax.tracer.geometry.shapes import Shapes
@@ -25,7 +24,6 @@ class World(eqx.Module):
     """A scene as rays meet it: shapes and their materials in the order of the file, and the lights."""
 
     shapes: Shapes
-    clusters: list[Clusters]  # Around neighbours, where shapes are many; none of a scene whose edges matter.
     materials: Any  # Of each shape the properties that the model uses, one of `MATERIALS`.
     lights: PointLights
     # What small distances are measured in, without derivative: 1 in a scene as large as the course's, so that a scene
@@ -39,8 +37,6 @@ class World(eqx.Module):
 def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyramid, ...] | None = None) -> World:
     scene = with_planes(scene)
     shapes = scene_shapes(scene)
-    # A footprint also meets what its centre misses: bounds around shapes do not tell.
-    clusters = make_clusters(jax.lax.stop_gradient(shapes)) if settings.edges != "aware" else []
     has_more = settings.model == "physical"
     if has_more:
         hidden = repeated(jax.lax.stop_gradient(shapes))
@@ -50,7 +46,6 @@ def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyra
     columns, fields = jnp.asarray(shape_materials(scene), jnp.int32), MATERIALS[settings.model]._fields
     return World(
         shapes,
-        clusters,
         MATERIALS[settings.model](*(material_property(scene, name)[..., columns] for name in fields)),
         scene.lights,
         world_length(scene) / 10,

@@ -8,7 +8,6 @@ import sys
 from types import SimpleNamespace
 
 import numpy as np
-import pyarrow.parquet
 import pytest
 from batch_plans import HEAD, QUICK_FIT
 from command_line import run
@@ -27,7 +26,6 @@ from raytrace_jax import (
     set_parameters,
 )
 from raytrace_jax.batch.run import JobRecord, run_job
-from raytrace_jax.batch.table import has_parquet
 from raytrace_jax.cli.actions.batch import BatchProgress
 
 SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
@@ -61,7 +59,7 @@ def test_a_batch_gives_the_librarys_results(batch, tmp_path):
     grid = "[grid]\nvitreous.ior = [1.2, 1.6]\n"
     code, rows, printed, shown = batch(grid + "[render]\n[gradient]\nwrt = ['cyan.ior']\nedges = 'point'\n" + FIT)
     assert code == 0
-    names = ("results.csv", "results.parquet", "index.html")
+    names = ("results.csv", "index.html")
     assert printed.split() == [str(out / name) for name in names]
     assert shown.splitlines()[0] == "6 jobs"
     assert [row["kind"] for row in rows] == ["render"] * 2 + ["gradient"] * 2 + ["fit"] * 2
@@ -90,9 +88,6 @@ def test_a_batch_gives_the_librarys_results(batch, tmp_path):
     assert float(fitted.materials.ior[3]) == 1.337
     assert float(fitted.materials.alpha[3]) == summary["parameters"]["cyan.alpha"]["value"]
     assert (estimate["noise"], estimate["seed"], estimate["target"]) == ("0.01", "0", "")
-
-    columns = pyarrow.parquet.read_table(out / "results.parquet").to_pylist()
-    assert [{name: "" if cell is None else str(cell) for name, cell in row.items()} for row in columns] == rows
 
 
 def test_only_what_changed_is_run_again(batch, tmp_path, replace):
@@ -185,13 +180,7 @@ def test_the_time_that_is_left_is_told():
     assert said == ["1/21 jobs, about 21 min left", "2/21 jobs, about 10 min left", "3/21 jobs, about 6 min left"]
 
 
-def test_without_pyarrow_there_is_a_csv(batch, monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)  # As if it were not installed.
-    assert not has_parquet()
-    code, rows, printed, shown = batch("[render]")
-    assert (code, len(rows)) == (0, 1)
-    assert printed.split() == [str(tmp_path / "out" / name) for name in ("results.csv", "index.html")]
-    assert "pip install 'distributed>=" in shown
+def test_json_tells_files_and_rows(batch, tmp_path):
     code, rows, printed, _ = batch("[render]", "--json")
     told = json.loads(printed)
     assert code == 0 and told["files"][0] == str(tmp_path / "out" / "results.csv")

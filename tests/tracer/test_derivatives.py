@@ -189,7 +189,7 @@ def differences_of(monkeypatch, picture, **how):
     """What `steady_differences` makes of a difference that is a function of the step, and the steps it took."""
     taken = []
 
-    def differ(scene, names, settings, step, samples, on_step):
+    def differ(scene, names, settings, step, samples):
         taken.extend(step for _ in names)
         return np.stack([picture(step) for _ in names])
 

@@ -28,10 +28,8 @@ intersect_compiled = jax.jit(intersection.intersect, static_argnames="settings")
 scene_shapes = jax.jit(shapes_of)
 
 
-def find_nearest(shapes, rays, *more, settings=SETTINGS):
-    return intersection.find_nearest(
-        shapes, rays, jnp.ones_like(rays.inside), ONE.astype(rays.o.dtype), settings, *more
-    )
+def find_nearest(shapes, rays, settings=SETTINGS):
+    return intersection.find_nearest(shapes, rays, jnp.ones_like(rays.inside), ONE.astype(rays.o.dtype), settings)
 
 
 def nearest(shapes, rays):

@@ -14,7 +14,7 @@ from raytrace_jax.batch.jobs import Job, expand, labelled
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
 from raytrace_jax.batch.run import JobRecord, is_done, other_records, run_and_record, write_plan
-from raytrace_jax.batch.table import has_parquet, make_table, remove_tables, write_overview, write_table
+from raytrace_jax.batch.table import make_table, remove_tables, write_overview, write_table
 from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Batch
 from raytrace_jax.cli.preparation import check_folder
@@ -59,13 +59,11 @@ def run_batch(command: Batch) -> int:
 
     # The table and the overview are of all jobs of the plan, also of those that were done before.
     rows = make_table(jobs, folder)
-    written = [command.output / path.name for path in [*write_table(rows, folder), write_overview(jobs, folder)]]
+    written = [command.output / path.name for path in (write_table(rows, folder), write_overview(jobs, folder))]
     if command.json:
         sys.stdout.write(json_text({"files": written, "jobs": rows}))
     else:
         print(*written, sep="\n")
-    if not has_parquet():
-        console.print(f"results.parquet needs pyarrow: {install('batch')}")
     failed = sum(row["status"] != "done" for row in rows)
     if failed:
         print_warning(f"{failed} of {len(rows)} jobs failed; column message of {written[0]} says why.")

@@ -1,8 +1,6 @@
 """The commands `grad`, `gallery` and `sweep`: sheets, galleries and animations of scenes."""
 
-import itertools
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -49,10 +47,11 @@ def run_grad(command: Grad) -> int:
         if command.check:
             # First of all, because it refuses steps that a parameter cannot take.
             with Timer("finite differences", console) as timer:
-                done = _counter(timer, "finite difference")
-                differences = steady_differences(scene, wrt, settings, command.check_step, command.check_samples, done)
+                differences = steady_differences(scene, wrt, settings, command.check_step, command.check_samples)
+                timer.took("finite differences")
         with Timer("derivatives", console) as timer:
-            found = picture_derivatives(scene, wrt, settings, _counter(timer, "derivative"))
+            found = picture_derivatives(scene, wrt, settings)
+            timer.took("derivatives")
         image, values = np.asarray(found.image), np.asarray(found.values)
         bad = masks.bad_pixels(image, values)
         if bad.any():
@@ -98,11 +97,6 @@ def check_numbers(
         | {"sum of derivative": float(derivative), "sum of difference": float(difference), "step": float(step)}
         for check, derivative, difference, step in zip(checks, *sums, differences.steps, strict=True)
     ]
-
-
-def _counter(timer: Timer, what: str) -> Callable[[str], None]:
-    numbers = itertools.count(1)
-    return lambda name: timer.took(f"{what} {next(numbers)} by {name}")
 
 
 def run_gallery(command: Gallery) -> None:

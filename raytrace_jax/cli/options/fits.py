@@ -114,9 +114,9 @@ class Batch(shared.CommandOptions):
     """Run the many renders, derivatives and fits of a plan, and gather them in a table.
 
     PLAN.toml names scenes, grids and lists of parameters, noise and seeds (docs/batch.md describes it). DIR gets a
-    folder of files for each kind of job, results.csv and, with pyarrow, results.parquet. index.html shows all jobs and
-    their pictures. After Ctrl-C, a kill or a failure the same command goes on: finished jobs are not run again. The
-    exit code is 1 if a job failed; the table says why.
+    folder of files for each kind of job, results.csv and index.html, which shows all jobs and their pictures. After
+    Ctrl-C, a kill or a failure the same command goes on: finished jobs are not run again. The exit code is 1 if a job
+    failed; the table says why.
 
     Example: raytrace-jax batch plan.toml -o results --workers 2
     """

@@ -11,7 +11,7 @@ from jax.typing import DTypeLike
 
 from raytrace_jax.errors import RaytraceError, SceneError
 from raytrace_jax.exchange.described import BLACK, Material, Shape
-from raytrace_jax.exchange.mitsuba.parser import check_properties, read_plugins
+from raytrace_jax.exchange.mitsuba.parser import read_plugins, unread_properties
 from raytrace_jax.exchange.mitsuba.plugins import Plugin, numbered
 from raytrace_jax.exchange.mitsuba.shapes import read_shape, read_sky, with_indices
 from raytrace_jax.images.exif import DIAGONAL_OF_FILM
@@ -40,7 +40,7 @@ def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None
     """
     reader = _Importer(Path(path))
     plugins = read_plugins(path)
-    check_properties(plugins, str(path), reader.lost)
+    reader.lost += unread_properties(plugins)
     for plugin in plugins:
         read = getattr(reader, f"read_{plugin.tag}", None)
         if read is not None:

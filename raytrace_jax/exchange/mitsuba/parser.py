@@ -3,7 +3,7 @@
 import importlib
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 
 from raytrace_jax.errors import RaytraceError, SceneError
 from raytrace_jax.exchange.mitsuba.plugins import Color, Matrix, Plugin, Point, Value, numbered
-from raytrace_jax.util.text import did_you_mean, install
+from raytrace_jax.util.text import install
 
 TAGS = {"reconstructionfilter": "rfilter", "phasefunction": "phase"}
 """The tags of Mitsuba's types of objects that are not the types' own names."""
@@ -106,76 +106,53 @@ class _Tree:
         raise SceneError(f"{place}: {what}; three numbers of an rgb are wanted.")
 
 
-SHAPE = "to_world flip_normals bsdf interior exterior emitter silhouette_sampling_weight"
-DIELECTRIC = "int_ior ext_ior specular_reflectance specular_transmittance"
-CONDUCTOR = "material eta k specular_reflectance"
-ROUGH = " distribution alpha alpha_u alpha_v sample_visible"
-CAMERA = (
-    "to_world fov fov_axis focal_length principal_point_offset_x principal_point_offset_y film "
-    "sampler shutter_open shutter_close"
-)
-CAMERA_LOST = "near_clip far_clip srf medium"
-FILM = (
-    "width height pixel_format rfilter crop_width crop_height crop_offset_x crop_offset_y "
-    "file_format component_format sample_border compensate"
-)
-PATH = "max_depth hide_emitters rr_depth"
-
-TABLE: dict[str, tuple[str, str]] = {
-    "shape sphere": (f"{SHAPE} center radius", ""),
-    "shape rectangle": (SHAPE, ""),
-    "bsdf diffuse": ("reflectance", ""),
-    "bsdf dielectric": (DIELECTRIC, ""),
-    "bsdf roughdielectric": (DIELECTRIC + ROUGH, ""),
-    "bsdf conductor": (CONDUCTOR, ""),
-    "bsdf roughconductor": (CONDUCTOR + ROUGH, ""),
-    "bsdf twosided": ("bsdf", ""),
-    "emitter area": ("radiance", "sampling_weight"),
-    "emitter point": ("position to_world intensity", "sampling_weight"),
-    "emitter constant": ("radiance", "sampling_weight"),
-    "emitter envmap": ("filename scale to_world mis_compensation", "sampling_weight"),
-    "texture bitmap": ("filename raw filter_type wrap_mode to_uv format accel", "bitmap data"),
-    "texture checkerboard": ("color0 color1 to_uv", ""),
-    "medium homogeneous": ("sigma_t albedo scale sample_emitters has_spectral_extinction phase", ""),
-    "sensor perspective": (CAMERA, CAMERA_LOST),
-    "sensor thinlens": (f"{CAMERA} aperture_radius focus_distance", CAMERA_LOST),
-    "film hdrfilm": (FILM, ""),
-    "rfilter box": ("", ""),
-    "integrator path": (PATH, ""),
-    "integrator volpath": (PATH, ""),
-    "integrator volpathmis": (PATH, ""),
+KNOWN = {
+    "shape": (
+        "sphere rectangle",
+        "to_world flip_normals bsdf interior exterior emitter silhouette_sampling_weight center radius",
+    ),
+    "bsdf": (
+        "diffuse dielectric roughdielectric conductor roughconductor twosided",
+        "reflectance int_ior ext_ior specular_reflectance specular_transmittance material eta k bsdf "
+        "distribution alpha alpha_u alpha_v sample_visible",
+    ),
+    "emitter": (
+        "area point constant envmap",
+        "radiance position to_world intensity filename scale mis_compensation",
+    ),
+    "texture": ("bitmap checkerboard", "filename raw filter_type wrap_mode to_uv format accel color0 color1"),
+    "medium": ("homogeneous", "sigma_t albedo scale sample_emitters has_spectral_extinction phase"),
+    "sensor": (
+        "perspective thinlens",
+        "to_world fov fov_axis focal_length principal_point_offset_x principal_point_offset_y film sampler "
+        "shutter_open shutter_close aperture_radius focus_distance",
+    ),
+    "film": (
+        "hdrfilm",
+        "width height pixel_format rfilter crop_width crop_height crop_offset_x crop_offset_y "
+        "file_format component_format sample_border compensate",
+    ),
+    "integrator": ("path volpath volpathmis", "max_depth hide_emitters rr_depth"),
 }
-"""Properties of the plugins that the import reads (Mitsuba 3.9's documentation of plugins). The first ones it takes,
-names itself where it cannot, or they do not change what a long render converges to; the second have nothing like them
-here, and are named."""
+"""Plugins that the import reads, by their tag: their kinds, and properties (Mitsuba 3.9's documentation of plugins)
+that it takes, names itself where it cannot, or that do not change what a long render converges to."""
 
 
-def check_properties(plugins: Iterable[Plugin], path: str, lost: list[str]) -> None:
-    """Name the properties of some plugins, and of those within them, that have nothing like them here.
-
-    Of a kind of plugin that is not in the table nothing is said: it is named as a whole where it is not read.
-
-    Raises:
-        SceneError: a plugin has a property that Mitsuba's has not; the nearest that it has is named.
-    """
+def unread_properties(plugins: Iterable[Plugin]) -> Iterator[str]:
+    """The properties of some plugins that are read, and of those within them, that have nothing like them here."""
     # Each plugin once: those that are referred to stand in several places, and with references to references in many.
     left, seen = list(plugins), set[int]()
     while left:
         plugin = left.pop(0)
-        found = TABLE.get(f"{plugin.tag} {plugin.kind}")
-        if found is None or id(plugin) in seen:
+        kinds, names = KNOWN.get(plugin.tag, ("", ""))
+        # A plugin of another kind is named as a whole where it is not read.
+        if plugin.kind not in kinds.split() or id(plugin) in seen:
             continue
         seen.add(id(plugin))
-        taken, gone = (names.split() for names in found)
-        called = f"{plugin.tag} {plugin.name or plugin.kind}"
-        for key in plugin.values:
+        for key, value in plugin.values.items():
             # A second plugin of a role has its number behind it: "bsdf 2".
             name = key.partition(" ")[0]
-            if name in gone:
-                lost.append(f"{called}: {name}")
-            elif name not in taken:
-                have = [*taken, *gone]
-                raise SceneError(
-                    f"{path}: {called}: it has no {name}.{did_you_mean(name, have)} There are {', '.join(have)}."
-                )
-        left += [value for value in plugin.values.values() if isinstance(value, Plugin)]
+            if name not in names.split():
+                yield f"{plugin.tag} {plugin.name or plugin.kind}: {name}"
+            if isinstance(value, Plugin):
+                left.append(value)

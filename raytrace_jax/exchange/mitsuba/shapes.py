@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -225,22 +225,12 @@ def _checkerboard(plugin: Plugin, to_uv: np.ndarray, halves: np.ndarray, lost: l
     if np.any(to_uv[[0, 1], [1, 0]]) or not np.all(scales > 0):
         lost.append("a checkerboard that is turned")
         return None
-    # A square is half a unit of Mitsuba's; the numbers are the shortest that give its transform.
+    # A square is half a unit of Mitsuba's. Its transform has roundings beyond twelve digits, which nobody wrote.
     squares = halves / scales
     if abs(squares[0] / squares[1] - 1) > CLOSE:
         lost.append("a checkerboard whose fields are no squares; those of its width are taken")
-    square = _shortest(float(squares[0]), lambda side: halves[0] / side == scales[0])
-
-    def start_of(half: float, shift: float) -> float:
-        return _shortest(float(-2 * square * shift - half), lambda start: -(half + start) / (2 * square) == shift)
-
-    return Texture(plugin.name, colors=tuple(colors), square=square, offset=tuple(map(start_of, halves, shifts)))
-
-
-def _shortest(number: float, gives: Callable[[float], bool]) -> float:
-    """The number near another one that has the fewest digits of those that give the same; else the number."""
-    tried = (float(f"{number:.{digits}g}") for digits in range(1, 18))
-    return next((candidate for candidate in tried if gives(candidate)), number)
+    square, *offset = (float(f"{x:.12g}") for x in (squares[0], *(-2 * squares[0] * shifts - halves)))
+    return Texture(plugin.name, colors=tuple(colors), square=square, offset=tuple(offset))
 
 
 def read_sky(plugin: Plugin, path: Path, lost: list[str]) -> np.ndarray:

@@ -37,7 +37,6 @@ class ObservationStage:
     A pixel samples the radiance L (S), the camera responds (D), a file is compressed (C) and has steps (Q), and there
     is noise (e). Solver, error bars, check of the model and last word ask each stage of a problem, and know none by
     name.
-
     """
 
     @property
@@ -70,6 +69,3 @@ class ObservationStage:
     def jump(self, observation: Observation) -> float:
         """The largest residual, in the target's unit, that the stage makes at edges of a right picture."""
         return 0.0
-
-
-Stages = tuple[ObservationStage, ...]

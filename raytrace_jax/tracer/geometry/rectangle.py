@@ -84,11 +84,6 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     return Section(flat_section(center, normal, drawing, np.inf, bounds), False, outline)
 
 
-def reach(shape: Shapes) -> Float[Array, " *shapes"]:
-    assert shape.axes is not None
-    return jnp.sqrt(dot(shape.axes[0], shape.axes[0]) + dot(shape.axes[1], shape.axes[1]))
-
-
 def frame(shape: Shapes) -> tuple[Axes, Pairs]:
     assert shape.axes is not None
     directions = unit_sides(shape.axes)
@@ -97,4 +92,4 @@ def frame(shape: Shapes) -> tuple[Axes, Pairs]:
 
 
 see, clearance = functools.partial(see_flat, edges), functools.partial(flat_clearance, outside_borders)
-RECTANGLE = ShapeType(False, coefficients, hit, distance, see, edges, clearance, section, reach, frame=frame)
+RECTANGLE = ShapeType(False, coefficients, hit, distance, see, edges, clearance, section, frame=frame)

@@ -218,7 +218,6 @@ class ShapeType(NamedTuple):
     # points, the light's location, shape, unit of length, and settings.
     clearance: Callable[[Array, Array, Shapes, Array, ResolvedSettings], Scalars]
     section: Callable[[Shapes, CuttingPlane, float, ResolvedSettings], Section]  # As far as the drawing reaches.
-    reach: Callable[[Shapes], Scalars] | None = None  # From their positions, in world units; None without an end.
     has_inside: bool = False  # There is glass behind its surface, wherever F is negative.
     # Unit directions of textures on shapes, and half the shapes' sizes along these, or infinity; None without mapping.
     frame: Callable[[Shapes], tuple[Axes, Pairs]] | None = None

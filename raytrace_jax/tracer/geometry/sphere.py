@@ -1,6 +1,5 @@
 """Spheres: the ray's chord, from which all that is asked of them follows."""
 
-from operator import attrgetter
 from typing import NamedTuple
 
 import jax
@@ -126,6 +125,4 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     return Section(cut if abs(off) < radius else shapes.NO_POINTS, True, middle + radius * circle)
 
 
-SPHERE = ShapeType(
-    True, coefficients, hit, distance, see, edges, clearance, section, attrgetter("radius"), has_inside=True
-)
+SPHERE = ShapeType(True, coefficients, hit, distance, see, edges, clearance, section, has_inside=True)

@@ -56,7 +56,7 @@ def trace_level(world: World, rays: Rays, live: Flags, number: Integers, setting
 
 def point_level(world: World, rays: Rays, live: Flags, settings: ResolvedSettings) -> Level:
     model = MODELS[settings.model]
-    si = intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
+    si = intersect(world.shapes, rays, live, world.unit, settings)
     media = model.media(world, si, dot(rays.d, si.n) < 0, settings)
     nodes = Nodes(si.p, si.n, rays.d)
     surface, children = model.shade(si, rays, world, media, materials_at(world, si), settings, nodes)
