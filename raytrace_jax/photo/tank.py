@@ -8,7 +8,7 @@ import numpy as np
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.boards import CharucoBoard, opencv
 from raytrace_jax.photo.lens import LensPrior
-from raytrace_jax.photo.markers import LEAST_DIRECT, markers_in
+from raytrace_jax.photo.markers import LEAST_DIRECT, find_markers, markers_in
 from raytrace_jax.photo.outline import NothingThrough
 from raytrace_jax.photo.photograph import Corners, Photograph
 
@@ -34,9 +34,10 @@ def layers_of(photograph: Photograph, board: CharucoBoard, lens: LensPrior) -> L
     that fit both belong to none.
 
     Raises:
-        PictureError: too few markers are seen beside the tank.
+        PictureError: too few markers of this board are seen, or too few beside the tank.
         NothingThrough: too few are seen through it.
     """
+    find_markers(photograph, board)  # It refuses what shows no such board.
     cv2, size = opencv("a photograph of a board"), photograph.size
     corners, ids = markers_in(photograph.grey, board.dictionary)
     known = {int(number): place for place, number in enumerate(board.ids)}
@@ -65,19 +66,19 @@ def layers_of(photograph: Photograph, board: CharucoBoard, lens: LensPrior) -> L
         origin, *axes = cv2.perspectiveTransform(middle, homography)[:, 0]
         found.append((abs(float(np.linalg.det(np.array(axes) - origin))), off))
         rest &= off > 2 * near
-    counts = [int(np.sum(off < near)) for _, off in found]
-    if not found or counts[0] < LEAST_DIRECT:
-        raise PictureError(
-            f"{photograph.name}: {max(counts, default=0)} markers of {board.path} lie in one plane, and {LEAST_DIRECT} "
-            "are wanted beside the tank: it may hide no more than half of the board, which must be sharp and lit."
-        )
-    if len(found) < 2 or counts[1] < 4:
+    if len(found) < 2 or np.sum(found[1][1] < near) < 4:
         raise NothingThrough(
             f"{photograph.name}: all markers of {board.path} that are seen lie in one plane: either none is seen "
-            "through the tank, or none beside it. Photograph so that half of the board is seen through the tank."
+            "through the tank, or none beside it. Photograph so that half of the board is seen through the tank; a lens "
+            "that bends wants a calibration."
         )
     (_, far), (_, nearer) = sorted(found, key=lambda one: one[0])
     is_direct, is_through = far < np.minimum(near, nearer / 3), nearer < np.minimum(near, far / 3)
+    if np.sum(is_direct) < LEAST_DIRECT:
+        raise PictureError(
+            f"{photograph.name}: {np.sum(is_direct)} markers of {board.path} are seen beside the tank, and "
+            f"{LEAST_DIRECT} are wanted, from which the camera follows: let the tank hide half of the board."
+        )
     through = corners[is_through].reshape(-1, 2)
     seen = Corners(through, board.markers[markers[is_through]].reshape(-1, 2), np.full(len(through), 0.5))
     direct, behind = (_part(board, markers[mine], markers[~mine]) for mine in (is_direct, is_through))
