@@ -69,8 +69,8 @@ def layers_of(photograph: Photograph, board: CharucoBoard, lens: LensPrior) -> L
     if len(found) < 2 or np.sum(found[1][1] < near) < 4:
         raise NothingThrough(
             f"{photograph.name}: all markers of {board.path} that are seen lie in one plane: either none is seen "
-            "through the tank, or none beside it. Photograph so that half of the board is seen through the tank; a lens "
-            "that bends wants a calibration."
+            "through the tank, or none beside it. Photograph so that half of the board is seen through the tank; a "
+            "lens that bends wants a calibration."
         )
     (_, far), (_, nearer) = sorted(found, key=lambda one: one[0])
     is_direct, is_through = far < np.minimum(near, nearer / 3), nearer < np.minimum(near, far / 3)
