@@ -27,7 +27,7 @@ NAMES = (
 
 def shown(setup: Setup) -> list[int]:
     """Where the numbers of what is looked through, of the ball or of the tank, lie in the raveled set-up."""
-    return [*(AT.ball if setup.radius > 0 else AT.tank), *[AT.liquid, AT.depth] * (setup.depth > 0)]
+    return [*(AT.ball if setup.radius > 0 else AT.tank), *([AT.liquid, AT.depth] if setup.depth > 0 else [])]
 
 
 def told(located: Located) -> dict[str, object]:

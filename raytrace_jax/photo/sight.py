@@ -45,7 +45,7 @@ class Sight:
     def where(self, places: Float[np.ndarray, "n 2"]) -> PixelPlaces:
         """The pixels in which places of the board are seen directly."""
         pixels = self._project(places)
-        for _ in range(6 * (self.setup.depth > 0)):  # Nearly where they would be in air: each round is nearer.
+        for _ in range(6 if self.setup.depth > 0 else 0):  # Nearly where they would be in air: each round is nearer.
             pixels = pixels + self._project(places) - self._project(self.directly(pixels)[0])
         return pixels
 

@@ -267,7 +267,7 @@ def option_names(options):
         if dataclasses.is_dataclass(field.default):
             yield from option_names(type(field.default))
         elif not marks.intersection(getattr(hints[field.name], "__metadata__", ())):
-            yield "define" if field.name == "assignments" else field.name
+            yield {"assignments": "define", "liquid": "in"}.get(field.name, field.name)
 
 
 def test_every_command_explains_every_option(capsys):
