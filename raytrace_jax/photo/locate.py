@@ -289,6 +289,11 @@ def _measured(
         taken.discs = [Disc(*Sight(view.setup, photograph.size).outline)]
     sigma, index = found.views[0].sigma, found.views[0].ior
 
+    if is_tank and index[0] < 1:
+        raise PictureError(
+            f"{photograph.name}: the liquid's index would be {with_error(*index)}, and none is below that of air: are "
+            "the tank's thickness and its walls right?"
+        )
     # In a photograph that was cut, whose middle is not where the lens looked, those through the ball scatter 3.5 times
     # as much as those beside it.
     width = photograph.size[0]
@@ -299,11 +304,6 @@ def _measured(
             f"and those beside it by {sigma[0]:.2g}: they are not what they are taken for. Put the {what} so that "
             f"more squares are seen through it, photograph from nearer, and see {sizes} and the picture whole, as the "
             "camera took it."
-        )
-    if is_tank and index[0] < 1:
-        raise PictureError(
-            f"{photograph.name}: the liquid's index would be {with_error(*index)}, and none is below that of air: are "
-            "the tank's thickness and its walls right?"
         )
     return view, found
 
