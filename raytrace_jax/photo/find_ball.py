@@ -17,20 +17,14 @@ from raytrace_jax.photo.outline import Disc, NothingThrough
 from raytrace_jax.photo.photograph import Photograph, PixelGrid
 from raytrace_jax.photo.sight import Sight
 
-SURE = 0.6
-"""The correlation of photograph and drawing that ends the search."""
 
-
-def find_ball(
-    photograph: Photograph, board: CharucoBoard, setup: Setup, blur: float, discs: list[Disc], least: float = 0.35
-) -> Setup:
+def find_ball(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: float, discs: list[Disc]) -> Setup:
     """The set-up with a ball: in the disc, and with the index, in which it looks best.
 
     Args:
         setup: the camera, and the ball's radius.
         blur: standard deviation of the camera's blur in pixels.
         discs: where its outline may be.
-        least: the least correlation of photograph and drawing.
 
     Raises:
         NothingThrough: nothing is seen through any of them.
@@ -38,6 +32,7 @@ def find_ball(
     """
     # A quick look says which are likely; the first that shows the board well is the ball.
     name, glance = photograph.name, []
+    least, sure = 0.35, 0.6  # The least correlation of photograph and drawing, and that which ends the search.
     found: list[tuple[float, Disc, Setup]] = []
     # The ball is about so many pixels wide; through one that is far from a large board many small squares are seen.
     for width in (56, 130):
@@ -46,9 +41,9 @@ def find_ball(
         for k in np.argsort(-np.array(glance)):
             alike, candidate = trials[k].best()
             found.append((alike, discs[k], candidate))
-            if alike > SURE:
+            if alike > sure:
                 break
-        if found[-1][0] > SURE:
+        if found[-1][0] > sure:
             break
     alike, first, best = max(found, key=lambda one: one[0])
     if alike < least:

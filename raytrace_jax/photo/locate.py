@@ -12,7 +12,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.bundle import Adjusted, AdjustedView, Known, Measured, PhotoView, adjust, known_before
-from raytrace_jax.photo.find_ball import SURE, find_ball
+from raytrace_jax.photo.find_ball import find_ball
 from raytrace_jax.photo.find_camera import LARGEST_SCATTER, FoundCamera, find_camera, one_lens, one_size
 from raytrace_jax.photo.geometry import AT
 from raytrace_jax.photo.lens import LensPrior
@@ -180,7 +180,7 @@ def locate_together(
             left_out = bare if several and isinstance(reason, NothingThrough) else refused
             left_out[k] = _not_located(reason, photographs[k], board, taken[k])
     if not views:
-        if "radius" in measured and (asked := _other_radius(photographs, board, cameras, measured["radius"][0], ball)):
+        if "radius" in measured and (asked := _other_radius(photographs, board, cameras, measured, ball)):
             for k in cameras:
                 left_out = bare if k in bare else refused
                 left_out[k] = NotLocated(f"{left_out[k]} {asked}", taken[k])
@@ -217,18 +217,19 @@ def _other_radius(
     photographs: Sequence[Photograph],
     board: CharucoBoard,
     cameras: dict[int, FoundCamera],
-    radius: float,
+    measured: Measured,
     ball: Disc | None,
 ) -> str | None:
-    """Ask about a radius with which a photograph would show the board through the ball, where the stated one fails."""
+    """Ask about a radius with which a photograph would tell an index, where the stated one fails."""
     ways = {0.5: "half of that radius", 2: "twice that radius", 0.1: "a tenth of that radius", 10: "ten times that"}
     for k, camera in cameras.items():
         for factor, words in ways.items():
-            setup = camera.view.setup._replace(radius=factor * radius)
+            radius = factor * measured["radius"][0]
+            known = known_before(camera.lens, {**measured, "radius": (radius, 0.0)})
             with contextlib.suppress(PictureError):
-                discs = [ball] if ball else find_discs(photographs[k], board, setup, camera.blur)
-                find_ball(photographs[k], board, setup, camera.blur, discs, SURE)
-                found = f"With {words}, {factor * radius:.3g} mm, the board is seen through the ball"
+                start = _before_ball(photographs[k], board, camera, radius, ball, Diagnostics())
+                _measured(photographs[k], board, start, camera.blur, known, Diagnostics())
+                found = f"With {words}, {radius:.3g} mm, the board is seen through the ball"
                 return f"{found}: was another unit or a diameter stated?"
     return None
 

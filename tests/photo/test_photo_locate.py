@@ -210,6 +210,17 @@ def test_a_refusal_says_where_the_ball_was(image, board):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("factor", "words"), [(10, "a tenth of that radius, 20 mm"), (2, "half of that radius, 20 mm")]
+)
+def test_a_wrong_radius_is_asked_about(factor, words, image, board):
+    with pytest.raises(
+        NotLocated, match=f"With {words} of that radius, 20 mm, the board is seen through the ball: was another unit"
+    ):
+        locate(photograph_of(image, "ball"), board, {"radius": (factor * RADIUS, 0.01)}, uncalibrated())
+
+
+@pytest.mark.slow
 def test_a_photograph_is_fitted_and_reported(image, tmp_path, monkeypatch, capsys):
     write_png(tmp_path / "ball.png", image, transfer="srgb")
     monkeypatch.chdir(tmp_path)
