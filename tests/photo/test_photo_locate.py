@@ -210,12 +210,10 @@ def test_a_refusal_says_where_the_ball_was(image, board):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("factor", "words"), [(10, "a tenth of that radius, 20 mm"), (2, "half of that radius, 20 mm")]
-)
+@pytest.mark.parametrize(("factor", "words"), [(10, "a tenth"), (2, "half")])
 def test_a_wrong_radius_is_asked_about(factor, words, image, board):
     with pytest.raises(
-        NotLocated, match=f"With {words} of that radius, 20 mm, the board is seen through the ball: was another unit"
+        NotLocated, match=f"With {words} of that radius, 20 mm, the board is seen through the ball: was"
     ):
         locate(photograph_of(image, "ball"), board, {"radius": (factor * RADIUS, 0.01)}, uncalibrated())
 
