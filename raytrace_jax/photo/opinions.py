@@ -151,11 +151,11 @@ class Budget(NamedTuple):
         """A sentence on what would lessen the largest part, and what the error would be then."""
         largest = max(self.parts, key=lambda name: self.parts[name])
         whole = float(np.sqrt(sum(part**2 for part in self.parts.values())))
-        way, left = f"measure {largest} better: were they exact", self.exact.get(largest, self.fourfold)
+        way, left = f"measure {largest} better: if exact", self.exact.get(largest, self.fourfold)
         if largest == "corners":
             way = "take more photographs, from and at other places: with four times as many"
         elif largest == "lens":
-            way = "calibrate the lens, or with more tilted pictures: were it exact"
+            way = "calibrate the lens, or with more tilted pictures: if exact"
         return f"To lessen the index's error, {way}, {left:.2g} of {whole:.2g} would be left."
 
 
