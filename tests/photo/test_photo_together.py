@@ -226,7 +226,7 @@ def test_a_folder_is_one_command(wide_board, tmp_path, monkeypatch, capsys):
     words = " ".join(printed.err.split())
     assert "photos/grey.png: 8 markers" in words and "It is left out: see out/located_grey.png" in words
     rows = {row[0]: row[1:] for row in map(str.split, printed.out.splitlines()) if row}
-    assert rows["d.png"][:2] == ["no", "ball:"] and rows["grey.png"] == ["refused"]
+    assert rows["d.png"][:3] == ["only", "the", "lens"] and rows["grey.png"] == ["refused"]
     assert "from the corners of 5 photographs" in printed.out and "To lessen the index's error, " in printed.out
 
     written = {path.name for path in Path("out").iterdir()}
