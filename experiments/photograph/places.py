@@ -39,7 +39,8 @@ SIDES = (-14.0, 3.0, 15.0)
 LENS_ERRORS = np.array([1.3e-3, 4.5e-4, 5e-3, 4e-5, 4e-5])
 """Of angle of view, k1, k2 and principal point, as a calibration from five pictures has them."""
 
-OWN, COMMON = AT.own, np.setdiff1d(AT.vector, AT.own)
+OWN, COMMON = np.hstack([AT.rotation, AT.translation, AT.center]), np.hstack([AT.lens, AT.ior, AT.radius])
+"""Of a ball in air."""
 
 
 def setup_of(index: float, radius: float, factor: float, side: float, width: float) -> Setup:

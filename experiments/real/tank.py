@@ -101,7 +101,7 @@ def read(thickness: float, wall: float, pose: tuple[float, float]) -> tuple[floa
 
 
 if __name__ == "__main__":
-    print("pose known to        260 mm are             index of water   scatter [px]")
+    print("| pose known to | 260 mm are | index of water | scatter [px] |\n|---|---|---|---|")
     for radians, shift in ((1e-3, 0.5), (2e-3, 2.0)):
         for words, thickness, wall in (
             ("without walls", THICKNESS, 0.0),
@@ -110,4 +110,4 @@ if __name__ == "__main__":
         ):
             index, error, scatter = read(thickness, wall, (radians, shift))
             known = f"{1e3 * radians:g} mrad, {shift} mm"
-            print(f"{known:18s}   {words:22s} {index:.4f} +- {error:.4f}   {scatter:.3f}", flush=True)
+            print(f"| {known} | {words} | {index:.4f} ± {error:.4f} | {scatter:.2f} |", flush=True)

@@ -113,11 +113,12 @@ class FitPictures:
 
     @property
     def residual_pixels(self) -> int:
-        """How few pixels hold nine tenths of the sum of the residual's squares; 0 where there is no estimate."""
+        """How few pixels hold nine tenths of the sum of the residual's squares; 0 where there is none."""
         if self.estimate is None:
             return 0
         squares = np.sort(np.sum((self.estimate - self.target) ** 2, axis=0)[self.weights > 0])[::-1]
-        return 1 + int(np.searchsorted(np.cumsum(squares), 0.9 * squares.sum()))
+        total = squares.sum()
+        return 1 + int(np.searchsorted(np.cumsum(squares), 0.9 * total)) if total > 0 else 0
 
 
 @dataclasses.dataclass(frozen=True)

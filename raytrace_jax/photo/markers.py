@@ -86,7 +86,7 @@ def markers_in(
     return _markers_of(grey.tobytes(), grey.shape, dictionary)
 
 
-@functools.lru_cache(maxsize=4)  # It takes seconds, and a photograph that is refused is looked at again.
+@functools.lru_cache(maxsize=128)  # It takes seconds, and each photograph is looked at again; its grey is small.
 def _markers_of(grey: bytes, shape: tuple[int, int], dictionary: str):
     """As `markers_in`."""
     aruco = opencv("a photograph of a board").aruco

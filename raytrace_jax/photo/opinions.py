@@ -123,7 +123,8 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
 def contradictions(adjusted: Adjusted) -> tuple[Contradiction, ...]:
     """What was known before of the lens, and measured of ball or tank, and comes out otherwise."""
     mean, root, _ = adjusted.known
-    known = np.flatnonzero(root.any(axis=0))
+    # How high a liquid's surface is nobody has stated.
+    known = np.setdiff1d(np.flatnonzero(root.any(axis=0)), AT.depth)
     before = np.sqrt(np.diagonal(np.linalg.inv(root[:, known].T @ root[:, known])))
     after = np.sqrt(np.diagonal(adjusted.covariance))
     return contradicted(

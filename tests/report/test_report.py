@@ -203,7 +203,8 @@ def test_few_pixels_hold_most_of_the_residual():
     assert pictures.residual_pixels == 4
     remark = facts(dataclasses.replace(result, pictures=pictures))["rms residual"][1]
     assert remark == "nine tenths of its square in 4 of 1,170 pixels, without blur"
-    assert dataclasses.replace(pictures, estimate=None).residual_pixels == 0
+    for estimate in (None, pictures.target):
+        assert dataclasses.replace(pictures, estimate=estimate).residual_pixels == 0
 
 
 def test_masked_residuals_set_no_scale():

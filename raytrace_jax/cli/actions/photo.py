@@ -1,4 +1,4 @@
-"""`calibrate` and `photo`: from pictures of a board to a lens, and from photographs of a ball to its index."""
+"""`calibrate` and `photo`: from pictures of a board to a lens, and from photographs of a ball or a tank to an index."""
 
 import sys
 from collections.abc import Sequence
@@ -72,11 +72,14 @@ def run_photo(command: Photo) -> int:
     measured = measured_of(command)
     check_folder(folder := command.output)
     console, several = stderr_console(quiet=command.quiet), len(command.photos) > 1
-    for option, is_given in (("--ball", command.ball is not None), ("--fit", command.fit)):
+    options = (("--ball", command.ball is not None), ("--fit", command.fit), ("--in", command.liquid is not None))
+    for option, is_given in options:
         if is_given and several:
             raise UsageError(f"{option}: is for one photograph, and {len(command.photos)} came.")
-        if is_given and (command.tank or (command.fit and command.liquid)):
-            raise UsageError(f"{option}: is for a ball in air, and {'--tank' if command.tank else '--in'} came.")
+        if is_given and command.tank:
+            raise UsageError(f"{option}: is for a ball, and --tank came.")
+    if command.fit and command.liquid:
+        raise UsageError("--fit: is for a ball in air, and --in came.")
     with jax_session(64):
         with Timer("corners", console) as timer:
             board = read_board(command.board)
@@ -142,8 +145,8 @@ def run_photo(command: Photo) -> int:
 
 def _in_words(otherwise: Sequence[Contradiction], several: bool, folder: Path) -> str:
     """What the photographs contradict, and what to do."""
-    sizes = {"radius": "ball", "thickness": "tank", "wall": "walls"}
-    ways = [f"measure {sizes[one.name]} and ruler again" for one in otherwise if one.name in sizes]
+    sizes = {"radius": "ball", "thickness": "tank", "wall": "walls", "wall_index": "walls", "liquid": "liquid"}
+    ways = list(dict.fromkeys(f"measure {sizes[one.name]} and ruler again" for one in otherwise if one.name in sizes))
     ways += ["calibrate with this zoom and focus, and cut no picture"] * any(one.name not in sizes for one in otherwise)
     sheet = folder / ("located*.png" if several else "located.png")
     return (

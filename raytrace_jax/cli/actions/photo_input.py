@@ -29,8 +29,6 @@ def measured_of(command: Photo) -> Measured:
         raise UsageError("--radius of a ball or --tank, the thickness of a tank: one of the two is wanted.")
     if command.wall and command.tank is None:
         raise UsageError("--wall: is of a tank, and --tank is missing.")
-    if command.liquid and command.tank:
-        raise UsageError("--in: is for a ball, and --tank came.")
     given = {"--radius": command.radius, "--tank": command.tank, "--ruler": command.ruler or UNMEASURED}
     sizes: dict[str, tuple[float, float]] = {}
     examples = {"--radius": "24.55+-0.01mm", "--tank": "60.2+-0.05mm", "--ruler": "99.93+-0.03mm"}

@@ -205,7 +205,7 @@ class Photo(PhotoOptions):
     is 0.002 of the index or so."""
     liquid: Annotated[str | None, arg(name="in", metavar="INDEX+-SD")] = None
     """The index of a liquid in which ball and board lie, as 1.333+-0.001. The camera is outside, and the surface of the
-    liquid is flat and parallel to the board."""
+    liquid is flat and parallel to the board. Of one photograph."""
     tank: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
     """In place of a radius the thickness of a tank, from the outside of one wall to that of the other, as 60+-0.1mm."""
     wall: Annotated[str | None, arg(metavar="LENGTH+-SD,INDEX")] = None
