@@ -156,6 +156,7 @@ def locate_together(
             liquid = {name: measured[name] for name in ("liquid", "depth") if name in measured}
             cameras[k] = find_camera(photograph, beside, known_lens, liquid)
         except PictureError as reason:
+            bare.pop(k, None)
             refused[k] = _not_located(reason, photograph, board, taken[k])
     shared = lens
     if several and cameras:
@@ -167,8 +168,10 @@ def locate_together(
     # The corners through the glass follow photograph by photograph.
     views: dict[int, PhotoView] = {}
     alone: dict[int, Adjusted] = {}
-    for k in cameras.keys() - bare.keys():
-        camera, known_lens = cameras[k], first.turn_to(photographs[k]).of(shared)
+    for k, camera in cameras.items():
+        if k in bare:
+            continue
+        known_lens = first.turn_to(photographs[k]).of(shared)
         try:
             known, behind = known_before(known_lens, measured), board
             if k in layers:

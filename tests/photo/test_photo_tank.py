@@ -208,3 +208,11 @@ def test_a_ball_in_a_liquid_is_read(wide_board):
     index, error = found.ior
     assert abs(index - 1.75) < 3 * error and error < 5e-3
     assert abs(found.setup.depth - 140) < 4 * found.errors.depth
+
+
+def test_a_blank_picture_beside_is_refused(board):
+    """Not only without a tank, but without a board: it tells nothing of the lens, and does not stop the others."""
+    blank = photograph_of(np.full((3, HEIGHT, WIDTH), 0.5), "blank")
+    bare = photographed(board, tank(), 7, lambda pixels: np.zeros(len(pixels), bool))
+    found = locate_together([blank, bare], board, MEASURED, LENS)
+    assert not found.located and list(found.refused) == [0] and list(found.bare) == [1]
