@@ -181,7 +181,7 @@ def chi_square_excess(residual: np.ndarray, counts: np.ndarray, sigma: float | N
 
     It is 0 below five, or where a standard deviation larger by 2 % would explain it: nobody knows it better.
     """
-    if sigma is None:
+    if sigma is None or not counts.any():
         return 0.0
     squares = (residual[:, counts] / sigma) ** 2
     mean, error = float(squares.mean()), float(squares.std() / np.sqrt(max(squares.size, 1)))
@@ -215,7 +215,9 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
     else:
         assert solution is not None
         residual, counts = solution.residual, solution.observation.counts
-        excess = chi_square_excess(residual, counts, options.sigma if loss == "l2" else None)
+        sigma = options.sigma if loss == "l2" else None
+        is_noise = counts & ~np.logical_or.reduce([one.obscures(sigma or 0.0) for one in solution.problem.stages])
+        excess = chi_square_excess(residual, is_noise, sigma)
         judged = dataclasses.replace(findings, uncertainty=uncertainty, check=check)
         explained = is_near(residual, solution.weighted_target, counts)
         verdict = fit_status(judged, explained, excess, options.max_steps)

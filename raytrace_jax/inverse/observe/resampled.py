@@ -72,6 +72,14 @@ class ResampledPicture:
         return np.asarray(self.radiance.image, np.float64)
 
     @property
+    def weighted_variance(self) -> Float[np.ndarray, "height width"]:
+        """The largest variance of a channel within each pixel, in the unit of a squared residual; 0 if not listed."""
+        root = np.asarray(self.problem.observation.root_weight, np.float64)
+        found = np.zeros(root.shape)
+        found[self.row, self.column] = self.variance.max(axis=0)
+        return found * root**2
+
+    @property
     def jump(self) -> Float[np.ndarray, " listed"]:
         """The change of a listed pixel when one of its samples changes sides of an edge, all channels together.
 

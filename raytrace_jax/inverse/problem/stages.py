@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.unknowns import Covariance, Image, Mask
@@ -65,6 +65,10 @@ class ObservationStage:
     def bound(self, observation: Observation) -> Float[np.ndarray, "*shape"]:
         """The largest residual, in the target's unit, that the stage makes anywhere by itself."""
         return np.zeros(())
+
+    def obscures(self, sigma: float) -> Bool[np.ndarray, "*shape"]:
+        """The pixels in which the stage makes an unknown part of noise with this standard deviation."""
+        return np.zeros((), bool)
 
     def jump(self, observation: Observation) -> float:
         """The largest residual, in the target's unit, that the stage makes at edges of a right picture."""

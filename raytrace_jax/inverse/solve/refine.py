@@ -133,7 +133,8 @@ def settle(problem: Problem, solution: FitState, recorder: Recorder) -> FitState
     aware = problem.picture(lowest.y, stage.edges)
     bias = np.asarray(lowest.linearization.image) - np.asarray(aware.image)
     observed = dataclasses.replace(problem, observation=problem.observation.with_bias(bias))
-    observed = sampling.sampled(observed, sampling.Sampling(samples, picture.confusion()))
+    within = picture.weighted_variance if samples is None else None
+    observed = sampling.sampled(observed, sampling.Sampling(samples, picture.confusion(), within))
     linearization = observed.linearize(lowest.y, stage)
     settled = lowest.settled and linearization.is_finite
     return dataclasses.replace(lowest, problem=observed, linearization=linearization, settled=settled)
