@@ -60,7 +60,7 @@ class Fit(shared.PictureCommand):
     estimate depends on most.
     Ctrl-C stops the fit and still writes the values reached so far.
 
-    Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result
+    Example: raytrace-jax fit guess.txt photo.exr --free glass.ior glass.center -o result
     """
 
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
@@ -197,6 +197,7 @@ class Photo(PhotoOptions):
     docs/photograph.md. It needs OpenCV, of the extra `photo`.
 
     Example: raytrace-jax photo ball*.jpg --board board.txt --radius 20+-0.01mm --camera camera.txt -o result
+
     Example: raytrace-jax photo tank.jpg --board board.txt --tank 60+-0.1mm --wall 3+-0.1mm,1.49 -o result
     """
 

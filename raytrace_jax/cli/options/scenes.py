@@ -28,7 +28,7 @@ ScreenTransfer = Annotated[
 class Render(shared.PictureCommand):
     """Render a scene to an OpenEXR picture, with a PNG beside it, and print their paths.
 
-    Example: raytrace-jax render vitreous.txt -o vitreous.exr -D vitreous.ior=1.5 --aov depth normal
+    Example: raytrace-jax render vitreous -o vitreous.exr -D vitreous.ior=1.5 --aov depth normal
     """
 
     output: shared.OutputExr
@@ -47,7 +47,7 @@ class Grad(shared.PictureCommand):
     OUT.exr gets the picture (R G B) and for each number a signed layer, as d.vitreous.center.x.R/G/B. OUT.png beside it
     shows them on one sheet, the mean over R, G and B. The paths of both are printed.
 
-    Example: raytrace-jax grad vitreous.txt --wrt vitreous.ior vitreous.center -o derivatives.exr --check
+    Example: raytrace-jax grad vitreous --wrt vitreous.ior --size 160 120 -o derivatives.exr --check
     """
 
     wrt: shared.Names
@@ -77,7 +77,7 @@ class Gallery(shared.PictureCommand):
     physical model, clear, tinted, dispersive, with a bubble, two of them, under a sky alone. DIR gets an OpenEXR file
     and a PNG of each, and gallery.png, the sheet; with --wrt also edge-aware derivatives in the files and on the sheet.
 
-    Example: raytrace-jax gallery data/vitreous.txt --wrt vitreous.ior --size 320 240 -o gallery
+    Example: raytrace-jax gallery vitreous --wrt vitreous.ior --size 320 240 -o gallery
     """
 
     output: shared.OutputFolder
@@ -94,7 +94,7 @@ class Gallery(shared.PictureCommand):
 class Sweep(shared.PictureCommand):
     """Animate a scene: one parameter runs through a range of values, one frame for each.
 
-    Example: raytrace-jax sweep vitreous.txt --over vitreous.ior=1.0:2.4:60 -o sweep.gif --bounce --label
+    Example: raytrace-jax sweep vitreous --over vitreous.ior=1.0:2.4:60 --size 320 240 -o sweep.gif --bounce --label
     """
 
     over: Annotated[str, arg(metavar="NAME=START:STOP:COUNT")]
@@ -119,7 +119,7 @@ class Rays(shared.PictureCommand):
     The table on stdout has one line for each ray: the parent ray at whose hit it starts, what it hits, the distance,
     the angles at the hit, and the colour that it returns. The colour in the first line is that of the pixel.
 
-    Example: raytrace-jax rays vitreous.txt --pixel 320 240 -o rays.svg
+    Example: raytrace-jax rays vitreous --pixel 320 240 -o rays.svg
     """
 
     pixel: Annotated[tuple[int, int], arg(metavar="X Y")]
@@ -194,14 +194,14 @@ class FileOptions(shared.SceneOptions):
 class Format(FileOptions):
     """Write a scene file in canonical form, with the same numbers.
 
-    Example: raytrace-jax format vitreous.txt -D vitreous.radius=2 > smaller.txt
+    Example: raytrace-jax format vitreous -D vitreous.radius=2 > smaller.txt
     """
 
 
 class Info(FileOptions):
     """List the blocks of a scene and its parameters, by the names that -D and --free take.
 
-    Example: raytrace-jax info vitreous.txt
+    Example: raytrace-jax info vitreous
     """
 
     json: shared.AsJson = False
@@ -236,7 +236,7 @@ class Import(shared.CommandOptions):
     constant emitters and environments; bitmaps and checkerboards; media that absorb. All else is listed on stderr.
     Pictures of textures are written beside the scene. Mitsuba's own parser, of the extra `mitsuba`, reads the file.
 
-    Example: raytrace-jax import board.xml -o board.txt
+    Example: raytrace-jax import board.xml -o imported.txt
     """
 
     file: Annotated[Positional[Path], arg(metavar="FILE.xml")]
