@@ -155,7 +155,7 @@ class Teach(shared.CommandOptions):
 
     DIR gets a PNG of each figure and index.md with a paragraph on each. The paths are printed.
 
-    Example: raytrace-jax teach -o lecture
+    Example: raytrace-jax teach -o lecture --only fresnel cost
     """
 
     output: shared.OutputFolder
