@@ -79,8 +79,9 @@ def lack_of_memory(needed: int) -> str:
     """How so many bytes do not fit: `needs about 3 GB of memory, and 2 GB are free`; empty where they fit."""
     # So few fit anywhere, and to ask how much memory there is takes some fifty microseconds.
     free = free_memory() if needed > 100_000_000 else None
-    is_free = free is None or needed <= free
-    return "" if is_free else f"needs about {needed / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free"
+    if free is None or needed <= free:
+        return ""
+    return f"needs about {needed / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free"
 
 
 def _bounds() -> Iterator[int]:
