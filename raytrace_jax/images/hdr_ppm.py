@@ -43,7 +43,8 @@ class HdrFile(LibraryFile):
 
     def stored(self) -> np.ndarray:
         """As of any file, if its numbers are light that OpenImageIO reads."""
-        head, _ = self.head, self.spec  # What does not fit into memory is refused.
+        head = self.head
+        self.check_size()
         for name, value in HDR_SAYS.findall(head[1]):
             try:
                 numbers = tuple(map(float, value.split()))
@@ -80,7 +81,8 @@ class PpmFile(LibraryFile):
 
     def stored(self) -> np.ndarray:
         """As of any file, if it has as many numbers as its head says, and none is beyond the largest."""
-        head, _ = self.head, self.spec  # What does not fit into memory is refused.
+        head = self.head
+        self.check_size()
         width, height, largest = map(int, head.groups())
         wanted, body = 3 * width * height, head.string[head.end() :]
         if head[0].startswith(b"P3"):

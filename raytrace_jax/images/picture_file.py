@@ -127,10 +127,12 @@ class LibraryFile(PictureFile):
             return int(tags.get(Base.ImageWidth, 0)), int(tags.get(Base.ImageLength, 0))
         return 0, 0
 
+    def check_size(self) -> None:
+        refuse_beyond_memory(self.path, "picture", *self.size(), bytes_per_pixel=MEMORY)
+
     @cached_property
     def spec(self) -> Any:
-        # Already here: OpenImageIO reads some files to their end when it opens them.
-        refuse_beyond_memory(self.path, "picture", *self.size(), bytes_per_pixel=MEMORY)
+        self.check_size()  # Already here: OpenImageIO reads some files to their end when it opens them.
         with self._opened() as file:
             return file.spec()
 
