@@ -59,8 +59,8 @@ def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> J
     Raises PictureError if the file cannot be read.
     """
     try:
-        with Image.open(path, formats=["JPEG"]) as image:
-            assert isinstance(image, JpegImagePlugin.JpegImageFile)
+        # Not by `Image.open`, which refuses large pictures.
+        with JpegImagePlugin.JpegImageFile(os.fspath(path)) as image:
             sampling, orientation = JpegImagePlugin.get_sampling(image), orientation_of(path)
             is_not_ycc = image.mode != "RGB" or image.info.get("adobe_transform") == 0
             width, height = image.size if orientation < 5 else image.size[::-1]

@@ -11,7 +11,7 @@ import numpy as np
 from raytrace_jax.errors import SceneError
 from raytrace_jax.exchange.described import BLACK, Material, Shape, Texture, around
 from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, Plugin, Value
-from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.images.pictures import read_whole_picture
 
 WHITE, GREY = (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)
 
@@ -265,4 +265,4 @@ def _picture(plugin: Plugin, path: Path) -> np.ndarray:
     name = plugin.values.get("filename")
     if not isinstance(name, str):
         raise SceneError(f"{plugin.tag} {plugin.kind} has no filename.")
-    return read_picture(path.parent / name, transfer="course" if plugin.values.get("raw") is True else "srgb")
+    return read_whole_picture(path.parent / name, transfer="course" if plugin.values.get("raw") is True else "srgb")
