@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from raytrace_jax import PictureError, write_png
 from raytrace_jax.cli import main
+from raytrace_jax.errors import PictureWarning
 from raytrace_jax.images.exif import TURNS
 from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
 from raytrace_jax.photo.find_camera import FoundCamera, calibrate
@@ -20,6 +21,7 @@ from raytrace_jax.photo.lens import LensPrior, Turn
 from raytrace_jax.photo.opinions import Budget, budget, contradictions
 from raytrace_jax.photo.photograph import Corners, photograph_of
 from raytrace_jax.photo.sight import Sight
+from raytrace_jax.photo.turned import turned_alike
 
 TRUE_LENS = np.array([35.0, -0.05, 0.01, 0.004, -0.003])
 KNOWN_LENS = LensPrior(
@@ -172,7 +174,8 @@ def found_cameras(monkeypatch, lens_of):
         view = PhotoView(setup, photograph.size, corners, Corners.none())
         return FoundCamera(setup, covariance, (0.03, 0.0), corners, Corners.none(), view, 0.5)
 
-    monkeypatch.setattr("raytrace_jax.photo.find_camera.find_camera", find)
+    for user in ("find_camera", "turned"):
+        monkeypatch.setattr(f"raytrace_jax.photo.{user}.find_camera", find)
 
 
 LENS = LensPrior(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
@@ -188,6 +191,35 @@ def test_turned_pictures_give_the_same_lens(turns, board, monkeypatch):
     np.testing.assert_allclose([one.mean for one in found.each], [LENS.mean] * len(turns), rtol=1e-9)
     # What lenses usually are has its part, too.
     assert np.all(np.abs(found.lens.mean - LENS.mean) < 0.1 * np.sqrt(np.diagonal(found.lens.covariance)))
+
+
+@pytest.mark.parametrize(
+    ("size", "taken", "place"), [((WIDTH, HEIGHT), 6, 0), ((WIDTH, HEIGHT), 8, 2), ((HEIGHT, WIDTH), 6, 3)]
+)
+def test_a_turn_without_exif_is_found(size, taken, place, board, monkeypatch):
+    """One of four has the other shape, and nothing tells to which side: the lens does, and EXIF is as if it had told."""
+    found_cameras(
+        monkeypatch, lambda photograph: Turn(size, after=taken).of(LENS) if photograph.name == "turned" else LENS
+    )
+    others = [photograph_of(np.ones((3, *size[::-1])), name) for name in "abc"]
+    pictures = [*others[:place], photograph_of(np.ones((3, *size)), "turned"), *others[place:]]
+    side = {6: "clockwise", 8: "counterclockwise"}[taken]
+    with pytest.warns(PictureWarning, match=f"turned: has .* turned by a quarter {side}: it is taken"):
+        alike = turned_alike(pictures, board)
+    assert [one.orientation for one in alike] == [taken if one.name == "turned" else 1 for one in pictures]
+    assert turned_alike(alike, board) == alike
+
+
+@pytest.mark.parametrize(("center", "zoom"), [(0, 1), (1, 1.1)], ids=["both turns fit", "no turn fits"])
+def test_an_unclear_turn_is_refused(center, zoom, board, monkeypatch):
+    """A lens in the middle of its pictures is the same after both turns; one of another angle is so after none."""
+    lens = LENS._replace(mean=LENS.mean * [1, 1, 1, center, center])
+    turned = Turn((WIDTH, HEIGHT), after=6).of(lens._replace(mean=lens.mean * [zoom, 1, 1, 1, 1]))
+    found_cameras(monkeypatch, lambda photograph: turned if photograph.name == "turned" else lens)
+    pictures = [photograph_of(np.ones((3, HEIGHT, WIDTH)), name) for name in "abc"]
+    pictures.append(photograph_of(np.ones((3, WIDTH, HEIGHT)), "turned"))
+    with pytest.raises(PictureError, match=r"turned has 480 x 640 .* EXIF has to say so"):
+        turned_alike(pictures, board)
 
 
 def test_a_picture_of_another_zoom_is_named(board, monkeypatch):
