@@ -197,7 +197,7 @@ def test_turned_pictures_give_the_same_lens(turns, board, monkeypatch):
     ("size", "taken", "place"), [((WIDTH, HEIGHT), 6, 0), ((WIDTH, HEIGHT), 8, 2), ((HEIGHT, WIDTH), 6, 3)]
 )
 def test_a_turn_without_exif_is_found(size, taken, place, board, monkeypatch):
-    """One of four has the other shape, and nothing tells to which side: the lens does, and EXIF is as if it had told."""
+    """One of four has the other shape, and nothing but the lens tells to which side it was turned."""
     found_cameras(
         monkeypatch, lambda photograph: Turn(size, after=taken).of(LENS) if photograph.name == "turned" else LENS
     )
@@ -232,11 +232,16 @@ def test_a_picture_of_another_zoom_is_named(board, monkeypatch):
 
 
 def photographed(board, setup, seed, ball=True):
-    """The light of the board as a camera sees it, with a ball or without."""
-    random, total = np.random.default_rng(seed), 0.0
-    for _ in range(9):
-        pixels = boards.middles() + random.uniform(-0.5, 0.5, (WIDTH * HEIGHT, 2))
-        total = total + boards.drawn(board, setup, pixels, [setup] * ball) / 9
+    """The light of the board as a camera sees it, with a ball or without.
+
+    There is one ray in each cell of every pixel. Of as many anywhere in the pixel edges have a noise of a tenth of the
+    light, and the patches of small squares, as they are seen through the ball, scatter by all that is allowed.
+    """
+    random, total, cells = np.random.default_rng(seed), 0.0, 4
+    for cell in np.ndindex(cells, cells):
+        within = np.array(cell) + random.uniform(0, 1, (WIDTH * HEIGHT, 2))
+        pixels = boards.middles() + within / cells - 0.5
+        total = total + boards.drawn(board, setup, pixels, [setup] * ball) / cells**2
     light = ndimage.gaussian_filter(0.05 + 0.8 * total, boards.BLUR)
     return light + boards.NOISE * random.normal(size=light.shape)
 
