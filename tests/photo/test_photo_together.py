@@ -174,8 +174,7 @@ def found_cameras(monkeypatch, lens_of):
         view = PhotoView(setup, photograph.size, corners, Corners.none())
         return FoundCamera(setup, covariance, (0.03, 0.0), corners, Corners.none(), view, 0.5)
 
-    for user in ("find_camera", "turned"):
-        monkeypatch.setattr(f"raytrace_jax.photo.{user}.find_camera", find)
+    monkeypatch.setattr("raytrace_jax.photo.find_camera.find_camera", find)
 
 
 LENS = LensPrior(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
@@ -193,31 +192,42 @@ def test_turned_pictures_give_the_same_lens(turns, board, monkeypatch):
     assert np.all(np.abs(found.lens.mean - LENS.mean) < 0.1 * np.sqrt(np.diagonal(found.lens.covariance)))
 
 
-@pytest.mark.parametrize(
-    ("size", "taken", "place"), [((WIDTH, HEIGHT), 6, 0), ((WIDTH, HEIGHT), 8, 2), ((HEIGHT, WIDTH), 6, 3)]
-)
-def test_a_turn_without_exif_is_found(size, taken, place, board, monkeypatch):
-    """One of four has the other shape, and nothing but the lens tells to which side it was turned."""
-    found_cameras(
-        monkeypatch, lambda photograph: Turn(size, after=taken).of(LENS) if photograph.name == "turned" else LENS
-    )
-    others = [photograph_of(np.ones((3, *size[::-1])), name) for name in "abc"]
-    pictures = [*others[:place], photograph_of(np.ones((3, *size)), "turned"), *others[place:]]
-    side = {6: "clockwise", 8: "counterclockwise"}[taken]
-    with pytest.warns(PictureWarning, match=f"turned: has .* turned by a quarter {side}: it is taken"):
+def pictures_of_turned(monkeypatch, taken, lens, zoom=1.0):
+    """Three pictures by a lens and one that was turned without EXIF, whose cameras follow from corners with noise."""
+    random = np.random.default_rng(0)
+    places = np.stack(np.meshgrid(np.arange(-60, 61, 15.0), np.arange(-45, 46, 15.0)), -1).reshape(-1, 2)
+    tilts = dict(zip(("a", "b", "c", "turned"), ((0.5, 0.2), (-0.5, 0.3), (0.2, -0.5), (0.4, 0.4)), strict=True))
+
+    def find(photograph, _, known):
+        is_turned = photograph.name == "turned"
+        seen_by = lens._replace(mean=lens.mean * [zoom, 1, 1, 1, 1]) if is_turned else lens
+        truth = Turn(SIZE, after=taken if is_turned else 1).of(seen_by).mean
+        setup = setup_of([np.pi, *tilts[photograph.name], 0, 0, 250], truth, [0, 0, 0])
+        pixels = Sight(setup, photograph.size).where(places) + 0.03 * random.normal(size=places.shape)
+        corners = Corners(pixels, places, np.full(len(places), 0.03))
+        view = PhotoView(setup, photograph.size, corners, Corners.none())
+        (done,) = adjust([view], known_before(known)).views
+        return FoundCamera(**vars(done), view=view, blur=0.5)
+
+    monkeypatch.setattr("raytrace_jax.photo.turned.find_camera", find)
+    pictures = [photograph_of(np.ones((3, HEIGHT, WIDTH)), name) for name in "abc"]
+    return [photograph_of(np.ones((3, WIDTH, HEIGHT)), "turned"), *pictures]
+
+
+@pytest.mark.parametrize(("taken", "side"), [(6, "clockwise"), (8, "counterclockwise")])
+def test_a_turn_without_exif_is_found(taken, side, board, monkeypatch):
+    """Nothing but the others' lens tells to which side the first one was turned."""
+    pictures = pictures_of_turned(monkeypatch, taken, LENS)
+    with pytest.warns(PictureWarning, match=f"turned: has 480 x 640 .* turned by a quarter {side}: it is taken"):
         alike = turned_alike(pictures, board)
-    assert [one.orientation for one in alike] == [taken if one.name == "turned" else 1 for one in pictures]
+    assert [one.orientation for one in alike] == [taken, 1, 1, 1]
     assert turned_alike(alike, board) == alike
 
 
 @pytest.mark.parametrize(("center", "zoom"), [(0, 1), (1, 1.1)], ids=["both turns fit", "no turn fits"])
 def test_an_unclear_turn_is_refused(center, zoom, board, monkeypatch):
     """A lens in the middle of its pictures is the same after both turns; one of another angle is so after none."""
-    lens = LENS._replace(mean=LENS.mean * [1, 1, 1, center, center])
-    turned = Turn((WIDTH, HEIGHT), after=6).of(lens._replace(mean=lens.mean * [zoom, 1, 1, 1, 1]))
-    found_cameras(monkeypatch, lambda photograph: turned if photograph.name == "turned" else lens)
-    pictures = [photograph_of(np.ones((3, HEIGHT, WIDTH)), name) for name in "abc"]
-    pictures.append(photograph_of(np.ones((3, WIDTH, HEIGHT)), "turned"))
+    pictures = pictures_of_turned(monkeypatch, 6, LENS._replace(mean=LENS.mean * [1, 1, 1, center, center]), zoom)
     with pytest.raises(PictureError, match=r"turned has 480 x 640 .* EXIF has to say so"):
         turned_alike(pictures, board)
 
