@@ -171,8 +171,8 @@ def _run(arguments: Sequence[str]) -> int:
                 prog="raytrace-jax",
                 description=_in_lines(DESCRIPTION),
                 args=given,
-                # What is not given is None, which no one has to say; comments are not for users.
-                config=(tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone, tyro.conf.HelptextFromCommentsOff),
+                # What is not given is None, which no one has to say.
+                config=(tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone),
             )
     except SystemExit as stop:
         # tyro leaves its own markup in some sentences.
@@ -195,7 +195,8 @@ def _commands(named: bool) -> Any:
     for name, entry in COMMANDS.items():
         text = inspect.getdoc(entry.options) or ""
         shown = tyro.conf.subcommand(name, description=_in_lines(text) if named else text.splitlines()[0])
-        members.append(Annotated[entry.options, shown])
+        # Comments are not for users.
+        members.append(tyro.conf.HelptextFromCommentsOff[Annotated[entry.options, shown]])
     return Union[tuple(members)]  # noqa: UP007
 
 

@@ -156,11 +156,11 @@ def resolve(scene: Scene, name: str) -> Parameter:
     materials = [(material_of(scene, block), block.name) for block in owners or wholes if block.type.is_shape]
     reached = [*((block, None) for block in owners or wholes), *materials]
     if wholes and not owners:
-        numbers = dict.fromkeys(f"{name}.{one.name}" for block, _ in reached for one in block.type.continuous)
-        raise ParameterError(
-            f"{quoted(name)} is a whole {wholes[0].keyword}; a parameter is one of its numbers, and it has "
-            f"{listed(numbers) or 'none'}."
-        )
+        model = scene_model(scene)
+        own = ((block, one) for block, _ in reached for one in block.type.continuous if one.is_used_by(model))
+        numbers = dict.fromkeys(f"{name}.{one.name}" for _, one in own)
+        having = f"and a parameter is one of its numbers: {listed(numbers)}" if numbers else "which has no parameters"
+        raise ParameterError(f"{quoted(name)} is a whole {wholes[0].keyword}, {having}.")
     if not owners:
         names = list(dict.fromkeys(block.name for block in known))
         example = listed(f"{known[0].name}.{one.name}" for one in known[0].type.continuous)
