@@ -3,7 +3,7 @@
 import dataclasses
 import inspect
 import re
-from typing import get_type_hints
+from typing import get_args, get_type_hints
 
 import pytest
 from command_line import run
@@ -38,7 +38,7 @@ def entries(lines):
     lines = [line.replace("│", " ").rstrip() for line in lines]
     first = next(number for number, line in enumerate(lines) if line.startswith("  -h, --help"))
     column = lines[first].index("show this help")
-    found = {}
+    found, last = {}, ""
     for number, line in enumerate(lines):
         if re.match(r"  -{1,2}[a-zA-Z]", line) or (number < first and re.match("  [a-zA-Z]", line)):
             # A long spelling has a line of its own.
@@ -55,7 +55,7 @@ def entries(lines):
 def option_names(options):
     """The options of a command, as `max_steps`, those of its parts included; its positional arguments are none."""
     hints = get_type_hints(options, include_extras=True)
-    marks = {Positional[int].__metadata__[0], Suppress[int].__metadata__[0]}
+    marks = {get_args(Positional[int])[1], get_args(Suppress[int])[1]}
     for field in dataclasses.fields(options):
         if dataclasses.is_dataclass(field.default):
             yield from option_names(type(field.default))
