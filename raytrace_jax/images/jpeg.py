@@ -56,7 +56,11 @@ class JpegStorage(NamedTuple):
 def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> JpegStorage | None:
     """The compression of a JPEG file; None for a grey one and for one that does not store brightness and colour apart.
 
-    Raises PictureError if the file cannot be read.
+    Args:
+        transfer: how the numbers of the file were made, `course` or `srgb`, as for `read_picture`.
+
+    Raises:
+        PictureError: the file cannot be read.
     """
     try:
         # Not by `Image.open`, which refuses large pictures.

@@ -51,7 +51,7 @@ class Grad(shared.PictureCommand):
     """
 
     wrt: shared.Names
-    """The parameters (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
+    """The parameters, as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: shared.OutputExr
     """The OpenEXR file to write, with OUT.png beside it. Missing folders are made."""
     edges: EdgeMode = "aware"
@@ -123,7 +123,7 @@ class Rays(shared.PictureCommand):
     """
 
     pixel: Annotated[tuple[int, int], arg(metavar="X Y")]
-    """The pixel (required): its column and row, counted from the top left of the whole picture."""
+    """The pixel: its column and row, counted from the top left of the whole picture."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.svg")]
     """The drawing to write, .svg or .png. Missing folders are made."""
     least_drawn: Annotated[float | None, Wanted("a share from 0 to below 1", "SHARE", least=0, below=1)] = None
@@ -162,8 +162,8 @@ class Teach(shared.CommandOptions):
     only: Annotated[tuple[LessonName, ...], shared.repeatable(LessonName, "NAME ...")] = ()
     """Draw only these. snell, fresnel, critical, ball: formulas; total_reflection: the derivative of a square root;
     edges: derivative pictures with and without edges; cost: the error against the index."""
-    also: Annotated[tuple[FigureFormat, ...], shared.repeatable(FigureFormat, "svg pdf")] = ()
-    """Write each figure in these formats, too."""
+    also: Annotated[tuple[FigureFormat, ...], shared.repeatable(FigureFormat, "FORMAT ...")] = ()
+    """Write each figure in these formats, too: svg, pdf."""
     quiet: shared.Quiet = False
 
 
@@ -217,8 +217,8 @@ class Scenes(shared.CommandOptions):
 class Export(shared.PictureCommand):
     """Write a physical scene for POV-Ray 3.7 or for Mitsuba 3.
 
-    The file's head has the command that renders it and, as stderr, the features that the other program lacks or handles
-    differently. Pictures of textures are written beside it, as OpenEXR.
+    The file's head has the command that renders it. The head and stderr list the features that the other program lacks
+    or handles differently. Pictures of textures are written beside it, as OpenEXR.
 
     Example: raytrace-jax export glass_on_board --to mitsuba -o board.xml
     """
