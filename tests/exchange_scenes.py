@@ -67,7 +67,7 @@ def pane(kind):
         build.material("board", emission=(1.0, 1.0, 1.0), texture="lines"),
         build.material("glass", transmission=1.0, ior=1.5, absorption=(0.1, 0.2, 0.3)),
         build.material("water", transmission=1.0, ior=1.25),
-        build.material("air", transmission=1.0),
+        build.material("air", transmission=1.0, ior=1.0),
         build.rectangle("back", material="board", center=(0.1, 0.2, -2.3), right=(2.7, 0.0, 0.0), up=(0.0, 2.7, 0.0)),
         *shapes[kind],
         build.sphere("bubble", material="air", center=bubble, radius=0.3),

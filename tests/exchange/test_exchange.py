@@ -200,10 +200,7 @@ def test_mitsuba_renders_the_same_picture(name, tmp_path):
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("scalar_rgb")
     boards = {"board": PICTURE, "checks": CHECKS, "aside": PICTURE}
-    if name in SURFACES:
-        scene = pane(name)
-    else:
-        scene = board(**boards[name]) if name in boards else load_scene(name)
+    scene = pane(name) if name in SURFACES else board(**boards[name]) if name in boards else load_scene(name)
     if name == "aside":
         scene = build.make_scene(
             build.camera("eye", **CAMERA, center=(40.0, 12.0)),

@@ -101,7 +101,11 @@ def test_flat_glass_comes_back(kind, tmp_path):
     np.testing.assert_allclose(render(again, settings).image, render(scene, settings).image, rtol=0, atol=1e-9)
     # Materials that shapes share stay one.
     names = {"slab": {"air_behind", "glass"}, "walls": {"air_behind", "window_wall", "glass"}}
-    assert set(again.materials.names) == {"board", "air", *names.get(kind, {"glass"} if kind == "planes" else {"water"})}
+    assert set(again.materials.names) == {
+        "board",
+        "air",
+        *names.get(kind, {"glass"} if kind == "planes" else {"water"}),
+    }
 
 
 def test_names_that_kinds_share_come_back(tmp_path):

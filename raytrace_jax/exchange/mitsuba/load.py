@@ -20,8 +20,8 @@ from raytrace_jax.images.exif import DIAGONAL_OF_FILM
 from raytrace_jax.scene import build
 from raytrace_jax.scene.rows import Description
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.scene.setting_words import MAX_BOUNCES
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 
 def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None) -> tuple[Scene, tuple[str, ...]]:

@@ -89,7 +89,9 @@ def deepest_first(shapes: Sequence[Shape]) -> list[Shape]:
         if shape.keyword == "plane":
             parallel.setdefault(tuple(np.round(shape.numbers["normal"], 6).tolist()), []).append(k)
     for places in parallel.values():
-        planes = sorted((shapes[k] for k in places), key=lambda one: np.dot(one.numbers["normal"], one.numbers["point"]))
+        planes = sorted(
+            (shapes[k] for k in places), key=lambda one: np.dot(one.numbers["normal"], one.numbers["point"])
+        )
         for k, plane in zip(places, planes, strict=True):
             found[k] = plane
     return found
