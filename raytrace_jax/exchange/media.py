@@ -71,7 +71,7 @@ def _hits(world: World, p: np.ndarray, n: np.ndarray, shape: np.ndarray) -> Hits
 
 
 def _hidden(world: World) -> tuple[bool, ...]:
-    """Whether each surface is an earlier one's: any that the tracer hides, and of glass also what lies too near to part.
+    """Whether each surface is an earlier one's: any that the tracer hides, and of glass what is too near to part.
 
     Planes that look away from one another are among them, as of oil on water.
     """

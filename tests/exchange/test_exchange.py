@@ -255,9 +255,9 @@ def test_light_inside_glass_is_named(tmp_path):
 
     ball = build.sphere("ball", material="clear", center=(0.0, 0.0, 0.0), radius=1.0)
     bulb = build.sphere("bulb", material="lit", center=(0.1, 0.0, 0.0), radius=0.2)
-    assert lost(ball, bulb) and lost(ball, eye=(0.0, 0.1, 0.0))
-    sea = build.plane("sea", material="clear", normal=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.0))
     sky = build.background("sky", radiance=(1.0, 1.0, 1.0))
+    assert lost(ball, bulb) and lost(ball, sky, eye=(0.0, 0.1, 0.0))
+    sea = build.plane("sea", material="clear", normal=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.0))
     # Half of the sky is below the surface.
     assert lost(sea, sky) and lost(sea, bulb)
     assert not lost(ball) and not lost(bulb) and not lost(sea)
