@@ -228,12 +228,12 @@ def _other_size(
     ball: Disc | None,
 ) -> str | None:
     """Ask about a radius, or a thickness, with which a photograph would tell an index, where the stated one fails."""
-    name, what, mistake = "radius", "ball", "another unit or a diameter"
+    name, what, mistake, factors = "radius", "ball", "another unit or a diameter", (0.5, 2, 0.1, 10)
     if "thickness" in measured:
-        name, what, mistake = "thickness", "tank", "another unit"
+        name, what, mistake, factors = "thickness", "tank", "another unit", (0.1, 10, 0.5, 2)
     ways = {0.5: f"half of that {name}", 2: f"twice that {name}", 0.1: f"a tenth of that {name}", 10: "ten times that"}
     for k, camera in cameras.items():
-        for factor, words in ways.items():
+        for factor in factors:
             size = factor * measured[name][0]
             if size <= 2 * measured.get("wall", (0.0, 0.0))[0]:
                 continue
@@ -245,7 +245,7 @@ def _other_size(
                 else:
                     start = _before_ball(photographs[k], board, camera, size, ball, Diagnostics())
                 _measured(photographs[k], behind, start, camera.blur, known, Diagnostics())
-                return f"With {words}, {size:.3g} mm, the board is seen through the {what}: was {mistake} stated?"
+                return f"With {ways[factor]}, {size:.3g} mm, the board is seen through the {what}: was {mistake} stated?"
     return None
 
 
