@@ -213,7 +213,8 @@ class Photo(PhotoOptions):
     tank: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
     """In place of a radius the thickness of a tank, from the outside of one wall to that of the other, as 60+-0.1mm."""
     wall: Annotated[str | None, arg(metavar="LENGTH+-SD,INDEX")] = None
-    """Thickness and index of each of the tank's walls, as 3+-0.05mm,1.49. Without it the walls count as nothing."""
+    """Thickness and index of each of the tank's walls, as 3+-0.05mm,1.49; 0mm is a tank without walls. It is wanted
+    with --tank, for a wall of 3 mm that is left out moves the index by 0.014."""
     output: shared.OutputFolder
     camera: Annotated[Path | None, arg(metavar="CAMERA.txt")] = None
     """The lens, as `raytrace-jax calibrate` writes it; it is turned as EXIF says that the camera was. Without it the
