@@ -245,7 +245,9 @@ def _other_size(
                 else:
                     start = _before_ball(photographs[k], board, camera, size, ball, Diagnostics())
                 _measured(photographs[k], behind, start, camera.blur, known, Diagnostics())
-                return f"With {ways[factor]}, {size:.3g} mm, the board is seen through the {what}: was {mistake} stated?"
+                return (
+                    f"With {ways[factor]}, {size:.3g} mm, the board is seen through the {what}: was {mistake} stated?"
+                )
     return None
 
 

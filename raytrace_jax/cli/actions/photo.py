@@ -100,7 +100,9 @@ def run_photo(command: Photo) -> int:
                         "half."
                     )
             taken = [photograph for _, photograph in pictures]
-            together = _locate(command, turned_alike(taken, board, is_tank="thickness" in measured), board, measured, lens)
+            together = _locate(
+                command, turned_alike(taken, board, is_tank="thickness" in measured), board, measured, lens
+            )
             ends = _ends(command.photos)
             for k, refusal in (together.refused | together.bare).items():
                 with atomic_write(folder / f"located{ends[k]}.png") as temporary:
