@@ -172,8 +172,10 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
         return None if place is None else materials[place]
 
     shapes = tuple(
-        Shape(block.keyword, block.name, _numbers(scene, block), material, *map(of, sides))
-        for block, material, sides, is_hidden in zip(blocks, materials, media.sides, media.hidden, strict=True)
+        Shape(block.keyword, block.name, _numbers(scene, block), material, of(outside), of(inside))
+        for block, material, (outside, inside), is_hidden in zip(
+            blocks, materials, media.sides, media.hidden, strict=True
+        )
         if not is_hidden
     )
     if settings.has_path_limit:

@@ -65,9 +65,9 @@ def _places(shapes: np.ndarray) -> list[int | None]:
 
 def _hits(world: World, p: np.ndarray, n: np.ndarray, shape: np.ndarray) -> Hits:
     dtype = world.shapes.position.dtype
-    p, n = (jnp.asarray(vectors.reshape(3, -1), dtype) for vectors in (p, n))
-    nothing = jnp.zeros_like(p[0])
-    return Hits(nothing == 0, nothing, p, n, jnp.asarray(shape.ravel(), jnp.int32), nothing)
+    points, normals = (jnp.asarray(vectors.reshape(3, -1), dtype) for vectors in (p, n))
+    nothing = jnp.zeros_like(points[0])
+    return Hits(nothing == 0, nothing, points, normals, jnp.asarray(shape.ravel(), jnp.int32), nothing)
 
 
 def _hidden(world: World) -> tuple[bool, ...]:
