@@ -176,8 +176,9 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
     # The last round's rows tell how sure the numbers are; the covariance of those that are held is 0.
     joint, jacobian = system.joint(x), system.jacobian(x)
     covariance = np.zeros((len(joint), len(joint)))
-    of_free = np.linalg.pinv(jacobian.T @ jacobian) * np.outer(system.scale, system.scale)
-    covariance[np.ix_(system.free, system.free)] = of_free
+    # A product with itself has no variance below 0, however badly determined the numbers are.
+    root = np.linalg.pinv(jacobian) * system.scale[:, None]
+    covariance[np.ix_(system.free, system.free)] = root @ root.T
     sigma = [float(f * np.median(s)) if len(s) else 0.0 for f, s in zip(factors, believed, strict=True)]
     corners, found = [group.where(u) for group, u in zip(system.groups, used, strict=True)], []
     for k in range(len(views)):

@@ -91,7 +91,12 @@ class Setup(NamedTuple):
     @property
     def tank(self) -> Float[np.ndarray, "6"]:
         """The tank's numbers: index, tilt, thickness and walls."""
-        return np.hstack([self.ior, self.tilt, self.thickness, self.wall, self.wall_ior])
+        return np.hstack([self.ior, self.tilt, self.thickness, self.walls])
+
+    @property
+    def walls(self) -> Float[np.ndarray, "2"]:
+        """Thickness and index of each of the tank's walls."""
+        return np.hstack([self.wall, self.wall_ior])
 
 
 AT = Setup.of(np.arange(23))

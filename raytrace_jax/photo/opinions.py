@@ -27,7 +27,8 @@ NAMES = (
 
 def shown(setup: Setup) -> list[int]:
     """Where the numbers of what is looked through, of the ball or of the tank, lie in the raveled set-up."""
-    return [*(AT.ball if setup.radius > 0 else AT.tank), *([AT.liquid, AT.depth] if setup.depth > 0 else [])]
+    through = AT.ball if setup.radius > 0 else AT.tank if setup.wall > 0 else np.setdiff1d(AT.tank, AT.walls)
+    return [*through, *([AT.liquid, AT.depth] if setup.depth > 0 else [])]
 
 
 def told(located: Located) -> dict[str, object]:
@@ -170,7 +171,7 @@ def budget(adjusted: Adjusted) -> Budget:
     variance = covariance[AT.ior, AT.ior]
     setup, groups = Setup.of(adjusted.joint[:COUNT]), {"lens": AT.lens}
     groups |= {"radius and ruler": [AT.radius]} if setup.radius > 0 else {"thickness and ruler": [AT.thickness]}
-    groups |= {"walls": [AT.wall, AT.wall_ior]} if setup.wall > 0 else {}
+    groups |= {"walls": AT.walls} if setup.wall > 0 else {}
     groups |= {"liquid": [AT.liquid]} if setup.depth > 0 else {}
 
     def exact(names: Sequence[str]) -> float:

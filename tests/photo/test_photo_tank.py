@@ -134,7 +134,7 @@ def test_a_tank_that_hides_all_or_nothing(everywhere, words, board):
 
 @pytest.mark.slow
 def test_a_liquids_index_is_within_its_error(wide_board):
-    """Of one photograph, with walls that cannot be; of two, one of which shows no tank; and what is in the error."""
+    """Of one photograph, also with sizes that cannot be; of two, one without a tank; and what is in the error."""
     seen = photographed(wide_board, tank(), 3)
     found = locate(seen, wide_board, MEASURED, LENS)
     index, error = found.ior
@@ -142,6 +142,9 @@ def test_a_liquids_index_is_within_its_error(wide_board):
     assert np.all(np.abs(found.setup.tilt - TILT) < 4 * found.errors.tilt)
     with pytest.raises(PictureError, match=r"index would be 0\.9.*are the tank's thickness and its walls right"):
         locate(seen, wide_board, MEASURED | {"wall": (17.0, 0.02), "wall_ior": (2.0, 0.0)}, LENS)
+    for thickness, words in ((600.0, "a tenth of that thickness"), (6.0, "ten times that")):
+        with pytest.raises(PictureError, match=rf"With {words}, 60 mm, .*: was another unit stated\?"):
+            locate(seen, wide_board, MEASURED | {"thickness": (thickness, 0.03), "wall": (2.9, 0.02)}, LENS)
     bare = photographed(wide_board, tank(), 4, lambda pixels: np.zeros(len(pixels), bool))
     both = locate_together([seen, bare], wide_board, MEASURED, uncalibrated())
     assert list(both.located) == [0] and list(both.bare) == [1]
