@@ -10,7 +10,7 @@ from raytrace_jax.inverse.judge.structure import block_scatter
 from raytrace_jax.inverse.observe.sampling import (
     LATTICES,
     Sampling,
-    detect_grid,
+    detect_samples,
     lattice_offsets,
     point_sampled,
     sampled,
@@ -38,9 +38,9 @@ def problem():
 
 
 def told(problem, target, off=0.0):
-    """The grid that is told of a target, at an index that is a little off."""
+    """The samples that are told of a target, at an index that is a little off."""
     one, y = posed(target), problem.start() + off
-    return detect_grid(one, y, point_sampled(one, y, 2), one.linearize(y, AWARE).pixel_jacobian)
+    return detect_samples(one, y, point_sampled(one, y, 2), one.linearize(y, AWARE))
 
 
 def jittered(problem, count):

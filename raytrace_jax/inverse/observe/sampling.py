@@ -11,10 +11,11 @@ from jaxtyping import Bool, Float, Int
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.observe.noise import Noise
 from raytrace_jax.inverse.observe.storing import Compression, Rounding
+from raytrace_jax.inverse.problem.linearize import Linearization
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.stages import ObservationStage
-from raytrace_jax.inverse.problem.unknowns import AnyArray, Covariance, Image, Vector
+from raytrace_jax.inverse.problem.unknowns import Covariance, Image, Vector
 from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.pixels import sample_offsets
@@ -149,17 +150,21 @@ GRIDS = (*range(1, 17), 20)
 """Samples a pixel and side that are tried. Means of more are those over the pixel, for all that a fit can tell."""
 
 
-def detect_grid(
-    problem: Problem, y: Vector, coarse: Moments, jacobian: Float[AnyArray, "parameters 3 height width"]
-) -> int | None:
-    """The samples a pixel and side of the regular grid whose means the target's pixels are; None if no grid stands out.
+def detect_samples(
+    problem: Problem, y: Vector, coarse: Moments, linearization: Linearization
+) -> int | Literal["aware"] | None:
+    """How the target's pixels were sampled, near the answer: by n x n samples on a regular grid, or edge-aware.
 
-    Pictures of several grids are compared with the target, in some pixels whose inside varies, beside those of a
-    lattice and of a finer grid, which stand for the mean over the pixel. The right grid is nearer to the target than
-    any other picture in most pixels, but for the few in which a sample lies beyond an edge, since the unknowns are those
-    of an edge-aware picture: these would rule sums of squares. What a step of the unknowns explains of a residual is
-    taken off first: it would hide which grid is right. Of a painted board, 512 x 384, it was 2.4 times as much as what
-    told 8 samples from 7.
+    None if neither stands out. Pictures of several grids and the edge-aware one are compared with the target, in some
+    pixels whose inside varies, beside those of a lattice and of a finer grid, which stand for the mean over the pixel.
+    The right one is nearer to the target than any other in most pixels, but for the few in which a sample lies beyond
+    an edge, since the unknowns are those of an edge-aware picture: these would rule sums of squares. What a step of the
+    unknowns explains of a residual is taken off first: it would hide which grid is right. Of a painted board,
+    512 x 384, it was 2.4 times as much as what told 8 samples from 7.
+
+    Args:
+        coarse: `COARSE_SAMPLES` samples a pixel and side at `y`.
+        linearization: that of the edge-aware picture there.
     """
     target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
     variance = np.where(root > 0, coarse.variance.max(axis=0), 0.0)
@@ -171,30 +176,38 @@ def detect_grid(
         return None
     scene, order = problem.scene_at(y), np.random.default_rng(0).permutation(len(row))
     camera, values, frame = problem.camera, problem.values(y), problem.raster().frame
-    derivative = np.asarray(jacobian, np.float64)[:, :, row, column]
+    derivative = np.asarray(linearization.pixel_jacobian, np.float64)[:, :, row, column]
+    off_aware = problem.observation.residual(np.asarray(linearization.image, np.float64))[:, row, column]
 
-    def residual(offsets: Float[np.ndarray, "samples 2"], some: Int[np.ndarray, " some"]) -> np.ndarray:
+    def distance(off: Float[np.ndarray, "3 some"], some: Int[np.ndarray, " some"]) -> Float[np.ndarray, " some"]:
+        """Squared residual of each pixel, but for what a step of the unknowns explains."""
+        slopes = derivative[:, :, some].reshape(len(derivative), -1).T
+        left = off - (slopes @ np.linalg.lstsq(slopes, off.reshape(-1))[0]).reshape(off.shape)
+        return np.sum(left**2, axis=0)
+
+    def of_samples(offsets: Float[np.ndarray, "samples 2"], some: Int[np.ndarray, " some"]) -> np.ndarray:
         light, (where, at) = np.zeros(target.shape), (row[some], column[some])
         light[:, where, at] = pixel_moments(problem, scene, at, where, offsets).mean
-        off = (camera.image(light, values, frame) - target)[:, where, at] * root[where, at]
-        slopes = derivative[:, :, some].reshape(len(derivative), -1).T
-        return off - (slopes @ np.linalg.lstsq(slopes, off.reshape(-1))[0]).reshape(off.shape)
+        return distance((camera.image(light, values, frame) - target)[:, where, at] * root[where, at], some)
 
     def evidence(better: np.ndarray, other: np.ndarray) -> float:
         """Standard errors by which one picture is nearer (Vuong 1989), by the log likelihood of Cauchy's noise.
 
-        It tells a grid as well where nearly all of its pixels are exact as where noise hides each of them.
+        It tells a grid where nearly all of its pixels are exact, and where noise hides each of them.
         """
         gain = np.log((other + noise) / (better + noise))
         return float(np.sum(gain) / max(np.linalg.norm(gain), TINY))
 
-    # A few pixels leave some grids to be told by many. Of other targets no grid had more than 0.7 standard errors in 40
-    # draws of noise of 1, 2 or 4 of 255; of 8 x 8 samples the right one had 5.9 at least, 3.3 and .8.
-    tried, clearly = [*GRIDS], 3.0
+    # A few pixels leave some of them to be told by many. Of other targets no grid had more than 0.7 standard errors in
+    # 40 draws of noise of 1, 2 or 4 of 255; of 8 x 8 samples the right one had 5.9 at least, 3.3 and .8.
+    tried, clearly = ["aware", *GRIDS], 3.0
     for count, least in ((64, 0.0), (512, clearly)):
         some = order[:count]
-        finer = [np.sum(residual(offsets, some) ** 2, axis=0) for offsets in (lattice_offsets(610), sample_offsets(24))]
-        distances = {n: np.sum(residual(sample_offsets(n), some) ** 2, axis=0) for n in tried}
+        finer = [of_samples(offsets, some) for offsets in (lattice_offsets(610), sample_offsets(24))]
+        distances = {
+            n: distance(off_aware[:, some], some) if n == "aware" else of_samples(sample_offsets(n), some)
+            for n in tried
+        }
         noise = float(np.median(np.min([*finer, *distances.values()], axis=0))) + TINY
         tried = [n for n in tried if all(evidence(distances[n], other) > least for other in finer)]
         if not tried:

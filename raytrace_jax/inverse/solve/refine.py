@@ -90,14 +90,23 @@ def refine(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder)
         # Corrections, and what is not explained, move the answer by more than a hundredth of an error bar.
         rough = LevenbergMarquardt(steps, relative=1e-6, decrease=1e-4, rejected=1)
         solution = solve_in_stages(problem, y, stage, options.sigma, recorder, rough)
-        if options.known_sampling != "aware":
-            return settle(problem, solution, recorder)
+        is_aware, coarse = options.known_sampling == "aware", None
+        if not is_aware and sampling.samples_of(problem) is None:
+            recorder.phase("telling the target's samples")
+            coarse = sampling.point_sampled(problem, solution.y, sampling.COARSE_SAMPLES)
+            told = sampling.detect_samples(problem, solution.y, coarse, solution.linearization)
+            is_aware = told == "aware"
+            problem = problem if told == "aware" else sampling.sampled(problem, sampling.Sampling(told))
+        if not is_aware:
+            return settle(problem, solution, recorder, coarse)
         if not explains(solution):
             return solution
     return solve_in_stages(problem, solution.y, stage, options.sigma, recorder, LevenbergMarquardt(steps))
 
 
-def settle(problem: Problem, solution: FitState, recorder: Recorder) -> FitState:
+def settle(
+    problem: Problem, solution: FitState, recorder: Recorder, coarse: sampling.Moments | None = None
+) -> FitState:
     """Take steps on the picture as it was observed; the edge-aware derivative leads.
 
     That picture has no derivative of use: it changes only where an edge crosses a sample, and then in a jump. But on
@@ -106,16 +115,14 @@ def settle(problem: Problem, solution: FitState, recorder: Recorder) -> FitState
     picture that changes by `S'` leaves `1 - A'^+ S'` of the error. A step samples the pixels at edges anew, which is
     cheap beside a derivative.
 
-    The samples are the target's. Where these are not known and no grid stands out, pixels are taken for means over
-    their area, and ours have as many samples as it takes for their error to be a small part of the residual.
+    The samples are the target's. Where these are not known pixels are taken for means over their area, and ours have as
+    many samples as it takes for their error to be a small part of the residual.
+
+    Args:
+        coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
     """
     stage, y, size, left = solution.stage, solution.y, sampling.lattice_size(), 4
-    samples, coarse = sampling.samples_of(problem), None
-    if samples is None:
-        recorder.phase("telling the target's samples")
-        coarse = sampling.point_sampled(problem, y, sampling.COARSE_SAMPLES)
-        samples = sampling.detect_grid(problem, y, coarse, solution.linearization.pixel_jacobian)
-        problem = sampling.sampled(problem, sampling.Sampling(samples))
+    samples = sampling.samples_of(problem)
     whose = "a supersampled picture" if samples is None else "a picture of the target's own samples"
     # Again with more samples, or with another derivative and list of pixels, which hold up to a tenth of a pixel of a
     # large ball. What is not explained will not be explained by them.
