@@ -63,6 +63,12 @@ def test_a_regular_grid_is_told(problem, samples, noise, off):
     assert told(problem, target, off) == samples
 
 
+@pytest.mark.parametrize("noise", [0, 1 / 255])
+def test_an_edge_aware_target_is_told(problem, noise):
+    target = np.asarray(problem.picture(problem.start(), "aware").image)
+    assert told(problem, target + noise * np.random.default_rng(1).normal(size=target.shape), 3e-4) == "aware"
+
+
 @pytest.mark.slow
 def test_box_and_random_means_are_no_grid(problem):
     assert told(problem, point_sampled(problem, problem.start(), 48).mean) is None
