@@ -90,10 +90,10 @@ def build_problem(
 
 def inside(observation: Observation, margin: int) -> Float[np.ndarray, "height width"]:
     """1 for the pixels that are at least `margin` from the border, 0 for others; 1 for all if none of these counts."""
-    height, width = observation.root_weight.shape
+    height, width = observation.counts.shape
     found = np.zeros((height, width))
     found[margin : height - margin, margin : width - margin] = 1
-    return found if np.any(found * np.asarray(observation.root_weight)) else np.ones_like(found)
+    return found if np.any(found * observation.counts) else np.ones_like(found)
 
 
 def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[Scene, tuple[str, ...], dict[str, str]]:

@@ -87,6 +87,7 @@ def make_residual(
 
     Args:
         scene: its values are the start, its dtype the precision.
+        target, weights: as of `fit`.
         settings: what to render; unlike in `fit`, its `edges` is used. None takes the settings in the scene's file.
 
     Returns:

@@ -13,6 +13,7 @@ from concurrent.futures import Future
 from typing import Any
 
 import jax
+import numpy as np
 from jax.core import Tracer
 from jax.export import Exported, export
 
@@ -91,7 +92,8 @@ class Jitted:
         bound.apply_defaults()
         static = {name: value for name, value in bound.arguments.items() if name in self.static}
         arrays = {name: value for name, value in bound.arguments.items() if name not in self.static}
-        return static, *jax.tree.flatten(arrays)
+        leaves, structure = jax.tree.flatten(arrays)
+        return static, [_anywhere(leaf) for leaf in leaves], structure
 
     def _program(self, static: dict[str, Any], leaves: list[Any], structure: Any) -> Callable[[list[Any]], Any]:
         """The compiled program for such arguments: from their arrays to the function's results."""
@@ -104,7 +106,9 @@ class Jitted:
             program = self.programs.setdefault(key, Future())
         if is_new:
             try:
-                program.set_result(self._load_or_compile(static, leaves, structure, key))
+                # What `jax.disable_jit` asks for, one operation after the other, is no program.
+                with jax.disable_jit(False):
+                    program.set_result(self._load_or_compile(static, leaves, structure, key))
             except BaseException as error:
                 # Waiters get the exception; the key is freed for a retry.
                 self.programs.pop(key, None)
@@ -170,6 +174,13 @@ def forget_programs() -> None:
     for jitted in ALL_JITTED:
         jitted.programs.clear()
     jax.clear_caches()
+
+
+def _anywhere(leaf: Any) -> Any:
+    """The array itself; its numbers, if it was put on some of the devices: programs share their work among all."""
+    if not isinstance(leaf, jax.Array) or isinstance(leaf, Tracer) or not leaf.committed:
+        return leaf
+    return leaf if len(leaf.sharding.device_set) == jax.device_count() else np.asarray(leaf)
 
 
 def _leaf_key(leaf: Any) -> Hashable:

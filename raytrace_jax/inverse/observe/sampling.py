@@ -153,7 +153,7 @@ def detect_grid(
     told 8 samples from 7.
     """
     target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
-    variance = np.where(root > 0, coarse.variance.max(axis=0), 0.0)
+    variance = np.where(root > 0, coarse.variance, 0.0).max(axis=0)
     row, column = np.nonzero(variance > 0.1 * np.max(variance))
     # A lossy file leaves nothing of a grid. If the film mixes pixels, a few of them tell nothing.
     if any(isinstance(stage, Compression) for stage in problem.stages):
@@ -167,7 +167,7 @@ def detect_grid(
     def residual(offsets: Float[np.ndarray, "samples 2"], some: Int[np.ndarray, " some"]) -> np.ndarray:
         light, (where, at) = np.zeros(target.shape), (row[some], column[some])
         light[:, where, at] = pixel_moments(problem, scene, at, where, offsets).mean
-        off = (camera.image(light, values, frame) - target)[:, where, at] * root[where, at]
+        off = (camera.image(light, values, frame) - target)[:, where, at] * root[:, where, at]
         slopes = derivative[:, :, some].reshape(len(derivative), -1).T
         return off - (slopes @ np.linalg.lstsq(slopes, off.reshape(-1))[0]).reshape(off.shape)
 
