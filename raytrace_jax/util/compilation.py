@@ -80,11 +80,14 @@ class Jitted:
         static, leaves, structure = self._bind(args, kwargs)
         if any(isinstance(leaf, Tracer) for leaf in leaves):
             return self.within(*args, **kwargs)
-        return self._program(static, leaves, structure)(leaves)
+        # What `jax.disable_jit` asks for, one operation after the other, is no program.
+        with jax.disable_jit(False):
+            return self._program(static, leaves, structure)(leaves)
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
         """Compile the program for such arguments if there is none, and run nothing."""
-        self._program(*self._bind(args, kwargs))
+        with jax.disable_jit(False):
+            self._program(*self._bind(args, kwargs))
 
     def _bind(self, args: tuple, kwargs: dict[str, Any]) -> tuple[dict[str, Any], list[Any], Any]:
         """Arguments by name: those that are static; and the arrays, flattened, with their tree's structure."""
@@ -106,9 +109,7 @@ class Jitted:
             program = self.programs.setdefault(key, Future())
         if is_new:
             try:
-                # What `jax.disable_jit` asks for, one operation after the other, is no program.
-                with jax.disable_jit(False):
-                    program.set_result(self._load_or_compile(static, leaves, structure, key))
+                program.set_result(self._load_or_compile(static, leaves, structure, key))
             except BaseException as error:
                 # Waiters get the exception; the key is freed for a retry.
                 self.programs.pop(key, None)

@@ -8,7 +8,6 @@ from jaxtyping import Bool, Float
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.unknowns import Covariance, Image
 
-
 Matters = Bool[np.ndarray, "3 height width"]
 
 
