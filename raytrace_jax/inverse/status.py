@@ -215,9 +215,8 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
     else:
         assert solution is not None
         residual, counts = solution.residual, solution.observation.counts
-        excess = chi_square_excess(
-            residual, np.asarray(solution.observation.root_weight) > 0, options.sigma if loss == "l2" else None
-        )
+        seen = np.asarray(solution.observation.root_weight) > 0
+        excess = chi_square_excess(residual, seen, options.sigma if loss == "l2" else None)
         judged = dataclasses.replace(findings, uncertainty=uncertainty, check=check)
         explained = is_near(residual, solution.weighted_target, counts)
         verdict = fit_status(judged, explained, excess, options.max_steps)

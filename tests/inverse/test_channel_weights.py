@@ -47,7 +47,7 @@ def test_a_channel_without_weight_moves_nothing():
 def test_unknowns_of_another_shape_are_refused(y):
     residual = make_residual(SCENE, picture(1.52), ["crown.ior", "ball.radius"], AREAS)
     for method in (residual.residual, residual.parameters, residual.scene_at):
-        with pytest.raises(ParameterError, match="the unknowns have the shape|the row of unknowns is"):
+        with pytest.raises(ParameterError, match=r"the unknowns have the shape|the row of unknowns is"):
             method(y)
 
 
