@@ -12,6 +12,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import BACK, TURNS, orientation_of
 from raytrace_jax.images.transfer import DECODERS, ENCODERS
+from raytrace_jax.util.files import as_path
 
 
 class JpegStorage(NamedTuple):
@@ -59,7 +60,7 @@ def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> J
     Raises PictureError if the file cannot be read.
     """
     try:
-        with Image.open(path, formats=["JPEG"]) as image:
+        with Image.open(as_path(path, PictureError), formats=["JPEG"]) as image:
             assert isinstance(image, JpegImagePlugin.JpegImageFile)
             sampling, orientation = JpegImagePlugin.get_sampling(image), orientation_of(path)
             is_not_ycc = image.mode != "RGB" or image.info.get("adobe_transform") == 0

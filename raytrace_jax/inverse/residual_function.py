@@ -115,7 +115,7 @@ def make_residual(
     """
     # Only the film's effects that do something, or are free, are computed in the loop.
     settings = resolve_settings(scene, settings)
-    options = FitOptions(ties=ties or {}, fit_exposure=fit_exposure)
+    options = FitOptions(ties={} if ties is None else ties, fit_exposure=fit_exposure)
     problem = build_problem(scene, target, free, settings, options, weights).problem
     scene = problem.scene
     if scene.film is not None:

@@ -6,6 +6,7 @@ lets another find it ready. `kept_programs` has its trace for later processes.
 
 import functools
 import inspect
+import os
 import threading
 import weakref
 from collections.abc import Callable, Hashable
@@ -17,6 +18,7 @@ import numpy as np
 from jax.core import Tracer
 from jax.export import Exported, export
 
+from raytrace_jax.errors import RaytraceError
 from raytrace_jax.util.kept_programs import load_program, program_path, save_program
 from raytrace_jax.util.numerics import with_lower_ranks
 
@@ -55,6 +57,21 @@ def _is_known(name: str, value: bool | int | str) -> bool:
     return True
 
 
+@functools.cache
+def first_process() -> int:
+    """The process that was the first to use JAX here; one that is forked from it inherits the answer."""
+    return os.getpid()
+
+
+def refuse_fork() -> None:
+    """Raise RaytraceError in a process that was forked from one that had used JAX: its programs never end there."""
+    if os.getpid() != first_process():
+        raise RaytraceError(
+            "this process was forked from one that had used JAX, whose threads a forked process lacks: a program "
+            "would wait for them for ever. Start it with multiprocessing's method 'spawn', or fork before the first scene."
+        )
+
+
 class Jitted:
     """A pure function, compiled with `compiler_options` for each kind of arguments.
 
@@ -77,6 +94,7 @@ class Jitted:
         ALL_JITTED.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        refuse_fork()
         static, leaves, structure = self._bind(args, kwargs)
         if any(isinstance(leaf, Tracer) for leaf in leaves):
             return self.within(*args, **kwargs)
