@@ -31,7 +31,7 @@ USUAL_NEEDS = {"point": 10.0, "aware": 24.0}
 def room_for(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
     """Room for a picture and its derivative: what is usual, or `slack` times what such a scene was seen to want."""
     if not suits(slack, float, Wanted(above=0, below=math.inf)):
-        raise SettingsError(f"slack is {slack}; a number greater than 0 is wanted.")
+        raise SettingsError(f"slack is {slack!r:.40}; a number greater than 0 is wanted.")
     settings, scene = settings.of_derivative.of_rays, dataclasses.replace(scene, film=None)
     # A part of a picture may have been seen, of sky alone: never less than what is usual.
     need = max(slack * NEEDS.get(scene_key(scene, settings), 0), USUAL_NEEDS[settings.edges or "aware"])

@@ -68,7 +68,7 @@ def refuse_fork() -> None:
     if os.getpid() != first_process():
         raise RaytraceError(
             "this process was forked from one that had used JAX, whose threads a forked process lacks: a program "
-            "would wait for them for ever. Start it with multiprocessing's method 'spawn', or fork before the first scene."
+            "would wait for them for ever. Start it with the method 'spawn', or fork before the first scene."
         )
 
 

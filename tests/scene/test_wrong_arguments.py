@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -22,6 +23,16 @@ camera eye { pixeldim 8 6 viewpoint 0 0 5 lookat 0 0 0 fov 40 }
 material crown { transmission 1 ior 1.5 }
 sphere ball { material crown center 0.12 -0.07 0.15 radius 1 }
 """)
+
+
+@pytest.fixture(autouse=True)
+def as_users_call_it():
+    """The tests' own check of types, which users do not have, is off."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
 PICTURE = np.linspace(0, 1, 3 * 6 * 8).reshape(3, 6, 8)
 SCALAR = [name for name in dir(optics) if name.islower() and hasattr(getattr(optics, name), "__wrapped__")]
 SCALAR = [name for name in SCALAR if name not in ("reflect", "refract")]
@@ -99,7 +110,7 @@ def test_values_without_names(values):
 
 @pytest.mark.parametrize("slack", [-1, 0, np.nan, np.inf, "a", None, PICTURE])
 def test_a_slack_that_makes_no_sense(slack):
-    with pytest.raises(SettingsError, match="slack is .*; a number greater than 0 is wanted"):
+    with pytest.raises(SettingsError, match=r"slack is .*; a number greater than 0 is wanted"):
         make_renderer(SCENE, slack=slack)
 
 
