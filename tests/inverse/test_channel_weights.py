@@ -30,18 +30,6 @@ def picture(index):
     return np.array(render(set_parameters(SCENE, {"crown.ior": index}), AREAS).image)
 
 
-def test_the_residual_has_a_weight_for_each_channel():
-    target, weight = picture(1.52), np.ones((3, 18, 24))
-    weight[1], weight[2] = 4, 0
-    whole, weighted = (make_residual(SCENE, target, ["crown.ior"], AREAS, weights=w) for w in (None, weight))
-    found, wanted = (np.asarray(one.residual(one.start)[0]) for one in (weighted, whole))
-    np.testing.assert_allclose(found[0], wanted[0] * found[0].ravel()[100] / wanted[0].ravel()[100], atol=1e-6)
-    assert not found[2].any() and np.abs(wanted[2]).max() > 0.01
-    np.testing.assert_allclose(
-        found[1], 2 * wanted[1] * np.abs(found[0]).sum() / np.abs(wanted[0]).sum(), rtol=1e-4, atol=1e-6
-    )
-
-
 @pytest.mark.slow
 def test_a_channel_without_weight_moves_nothing():
     """Blue is of another ball. The index is that of red and green; the mean of the weights gave 1.51957."""
