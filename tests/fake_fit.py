@@ -46,7 +46,7 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
         settings=ResolvedSettings(size=shape[:0:-1]),
         pictures=FitPictures(
             target=target,
-            weights=np.ones(shape[1:]),
+            weights=np.ones(shape),
             start=target[::-1],
             estimate=np.clip(target + random.normal(scale=0.01, size=shape), 0, 1),
             rms_residual=0.01,
@@ -75,8 +75,8 @@ def full_result(shape=(3, 60, 80), names=NAMES):
     target = np.stack([0.2 + 0.6 * x / shape[2], 0.3 + 0.4 * y / shape[1], 0.5 + 0.3 * np.sin(x / 9) * np.cos(y / 7)])
     image = np.clip(target, 0, 1)
     target = np.clip(image + random.normal(scale=2.4 / 255, size=shape), 0, 1)
-    weights = np.ones(shape[1:])
-    weights[: shape[1] // 6, : shape[2] // 5] = 0
+    weights = np.ones(shape)
+    weights[:, : shape[1] // 6, : shape[2] // 5] = 0
     return FitResult(
         ending=Ending(
             "ambiguous",

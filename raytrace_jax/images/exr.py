@@ -67,10 +67,14 @@ def write_exr(
     """
     where = f"{path}: cannot be written"
     if not isinstance(channels, Mapping):
-        if np.ndim(channels) != 3 or np.shape(channels)[0] != 3:
-            wanted = "an array of shape (3, height, width) or channels by their names is wanted"
-            raise PictureError(f"{where}: {wanted}, not {type(channels).__name__} of shape {np.shape(channels)}")
-        channels = dict(zip(RGB, np.ma.asarray(channels), strict=True))
+        wanted = "an array of shape (3, height, width) or channels by their names is wanted"
+        try:
+            picture = real_numbers(channels)
+        except ValueError as reason:
+            raise PictureError(f"{where}: {wanted}, and this {reason}") from None
+        if picture.ndim != 3 or len(picture) != 3:
+            raise PictureError(f"{where}: {wanted}, not {type(channels).__name__} of shape {picture.shape}")
+        channels = dict(zip(RGB, picture, strict=True))
     dtype = np.float16 if half else np.float32
     pixels = {name: _storable(where, name, values, dtype) for name, values in channels.items()}
     if len({array.shape for array in pixels.values()}) != 1:
@@ -93,7 +97,7 @@ def write_exr(
 
 def _storable(where: str, name: str, values: object, dtype: type[np.floating]) -> np.ndarray:
     """A contiguous array of the stored type. Raises PictureError for what the file cannot hold truthfully."""
-    if not name or "\0" in name:
+    if not isinstance(name, str) or not name or "\0" in name:
         raise PictureError(f"{where}: {name!r} is not a channel name")
     try:
         array = real_numbers(values)

@@ -12,6 +12,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import BACK, TURNS, orientation_of
 from raytrace_jax.images.transfer import DECODERS, ENCODERS
+from raytrace_jax.util.files import as_path
 
 
 class JpegStorage(NamedTuple):
@@ -64,7 +65,7 @@ def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> J
     """
     try:
         # Not by `Image.open`, which refuses large pictures.
-        with JpegImagePlugin.JpegImageFile(os.fspath(path)) as image:
+        with JpegImagePlugin.JpegImageFile(as_path(path, PictureError)) as image:
             sampling, orientation = JpegImagePlugin.get_sampling(image), orientation_of(path)
             is_not_ycc = image.mode != "RGB" or image.info.get("adobe_transform") == 0
             width, height = image.size if orientation < 5 else image.size[::-1]

@@ -84,7 +84,10 @@ def write_png(
         raise PictureError(f"{where}: there is no transfer {transfer!r} with {bits} bits; there are {wanted}")
     if isinstance(rgb, Mapping):
         if not {"R", "G", "B"} <= rgb.keys():
-            raise PictureError(f"{where}: the channels R, G and B are wanted, not {', '.join(rgb)}")
+            raise PictureError(f"{where}: the channels R, G and B are wanted, not {', '.join(map(str, rgb))}")
+        if len({np.shape(rgb[name]) for name in "RGB"}) > 1:
+            shapes = ", ".join(f"{name} has {np.shape(rgb[name])}" for name in "RGB")
+            raise PictureError(f"{where}: the channels are of one shape, (height, width), and {shapes}")
         rgb = np.ma.stack([rgb[name] for name in "RGB"])
     try:
         colours = real_numbers(rgb)

@@ -19,11 +19,19 @@ from raytrace_jax.inverse.problem.observation import Observation, observe
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import Priors, make_prior, make_unknowns, spelled
 from raytrace_jax.scene.checks import check_values
-from raytrace_jax.scene.parameters import film_effects, get_parameter, scalar_names, set_parameters, with_film
+from raytrace_jax.scene.parameters import (
+    film_effects,
+    get_parameter,
+    row_of_names,
+    scalar_names,
+    set_parameters,
+    with_film,
+)
 from raytrace_jax.scene.response import FILM_EFFECTS
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.rendering import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.util.checked import refuse_other
 
 
 class FitSetup(NamedTuple):
@@ -57,6 +65,8 @@ def build_problem(
         SceneError: a number of the scene is not finite or cannot be what it is.
     """
     # What is free, and whether there is memory for it.
+    if storage is not None:
+        refuse_other(storage, JpegStorage, "jpeg_storage")
     check_values(scene)
     scene, free, ties = asked_for(scene, free, options)
     if options.edges == "aware":  # Its samples are those of the target, which `inverse.observe.sampling` adds.
@@ -90,10 +100,10 @@ def build_problem(
 
 def inside(observation: Observation, margin: int) -> Float[np.ndarray, "height width"]:
     """1 for the pixels that are at least `margin` from the border, 0 for others; 1 for all if none of these counts."""
-    height, width = observation.root_weight.shape
+    height, width = observation.counts.shape
     found = np.zeros((height, width))
     found[margin : height - margin, margin : width - margin] = 1
-    return found if np.any(found * np.asarray(observation.root_weight)) else np.ones_like(found)
+    return found if np.any(found * observation.counts) else np.ones_like(found)
 
 
 def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[Scene, tuple[str, ...], dict[str, str]]:
@@ -102,7 +112,7 @@ def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[S
     Raises:
         ParameterError: a free number is unknown or named twice.
     """
-    free, ties = list(free), dict(options.ties)
+    free, ties = list(row_of_names(free)), dict(options.ties)
     if options.fit_exposure:  # A gain and an offset that all channels have in common.
         free += ["film.gain.r", "film.offset.r"]
         ties |= {f"film.{name}.{channel}": f"film.{name}.r" for name in ("gain", "offset") for channel in "gb"}

@@ -60,7 +60,8 @@ def fit(
         target: scene-linear RGB, top row first, of the size that `settings` render. NaN may stand where the weight is
             0; a pixel that `numpy.ma` masks, here or in the weights, has the weight 0.
         settings: how the target was rendered; its `edges` is not used. None takes the settings in the scene's file.
-        weights: weight of each pixel in the sum of squares, 0 to leave it out; "height width".
+        weights: weight of each pixel in the sum of squares, 0 to leave it out, "height width"; or of each channel of
+            each pixel, "3 height width".
         storage: how a JPEG has compressed the target (`jpeg_storage`): its bias is taken off.
         **changes: fields of `FitOptions`, instead of those in `options`: `fit(..., search=False, sigma=0.01)`.
 
@@ -116,7 +117,7 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
     recorder.found(minima=tuple(minima), solution=solution)
 
     # What is wrong with it: pixels that are not finite, and balls that the target does not show.
-    bad = np.asarray(solution.linearization.bad) & (np.asarray(problem.observation.root_weight) > 0)
+    bad = np.asarray(solution.linearization.bad) & problem.observation.counts
     if bad.any():
         words = f"{mask_in_words(bad)}, in the fitted picture or a derivative. They do not count."
         warnings.warn(words, PictureWarning, stacklevel=2)

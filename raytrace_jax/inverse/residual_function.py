@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
+from raytrace_jax.errors import ParameterError
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.options import FitOptions
@@ -18,7 +19,7 @@ from raytrace_jax.tracer.pure import MOVING_SLACK, measured_room, picture_at, ro
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.run import Capacity
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.numerics import with_lower_ranks
+from raytrace_jax.util.numerics import real_numbers, with_lower_ranks
 
 
 class PictureResidual(eqx.Module):
@@ -46,17 +47,32 @@ class PictureResidual(eqx.Module):
         Args:
             args: standard deviation in pixels of a Gaussian blur, so that a loop can go from coarse to fine; None is 0.
         """
+        y = self._checked(y)
         image, overflow = picture_at(y, self.scene, self.unknowns, self.settings, self.room)
         blur = jnp.asarray(0.0 if args is None else args, y.dtype)
         return gaussian_blur(self.observation.residual(image), blur), overflow
 
+    def _checked(self, y: ArrayLike) -> Float[Array, " parameters"]:
+        """The unknowns as an array. Raises ParameterError: there are not as many, or they are no real numbers."""
+        try:
+            found = y if isinstance(y, Array) else jnp.asarray(real_numbers(y), self.start.dtype)
+        except ValueError as reason:
+            raise ParameterError(f"the row of unknowns {reason}.") from None
+        if found.shape != self.start.shape or not jnp.issubdtype(found.dtype, jnp.floating):
+            names = ", ".join(self.unknowns.names)
+            raise ParameterError(
+                f"the unknowns have the shape {found.shape} and the dtype {found.dtype}; one real number is wanted for "
+                f"each of {names}, in the shape {self.start.shape}."
+            )
+        return found
+
     def parameters(self, y: Float[Array, " parameters"]) -> dict[str, Float[Array, ""]]:
         """The value of each free parameter at unknowns `y`."""
-        return dict(zip(self.unknowns.names, self.unknowns.values(y), strict=True))
+        return dict(zip(self.unknowns.names, self.unknowns.values(self._checked(y)), strict=True))
 
     def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
         """The scene at unknowns `y`."""
-        return self.unknowns.moved(self.scene, y)
+        return self.unknowns.moved(self.scene, self._checked(y))
 
     def with_room(self, y: Float[Array, " parameters"], slack: float = MOVING_SLACK) -> "PictureResidual":
         """Make room for the rays of the scene at `y`, if these are more; the result has to be compiled anew."""
@@ -87,6 +103,7 @@ def make_residual(
 
     Args:
         scene: its values are the start, its dtype the precision.
+        target, weights: as of `fit`.
         settings: what to render; unlike in `fit`, its `edges` is used. None takes the settings in the scene's file.
 
     Returns:
@@ -98,7 +115,7 @@ def make_residual(
     """
     # Only the film's effects that do something, or are free, are computed in the loop.
     settings = resolve_settings(scene, settings)
-    options = FitOptions(ties=ties or {}, fit_exposure=fit_exposure)
+    options = FitOptions(ties={} if ties is None else ties, fit_exposure=fit_exposure)
     problem = build_problem(scene, target, free, settings, options, weights).problem
     scene = problem.scene
     if scene.film is not None:

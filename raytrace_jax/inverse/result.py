@@ -7,7 +7,7 @@ import os
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from raytrace_jax import inverse
 from raytrace_jax.errors import ParameterError
@@ -104,7 +104,7 @@ class FitPictures:
     """
 
     target: Float[np.ndarray, "3 height width"]
-    weights: Float[np.ndarray, "height width"]
+    weights: Float[np.ndarray, "3 height width"]
     start: Float[np.ndarray, "3 height width"] | None = None
     estimate: Float[np.ndarray, "3 height width"] | None = None
     rms_residual: float = math.nan
@@ -112,11 +112,17 @@ class FitPictures:
     left_out: int = 0
 
     @property
+    def counts(self) -> Bool[np.ndarray, "height width"]:
+        """The pixels with a weight in any channel."""
+        return np.any(self.weights > 0, axis=0)
+
+    @property
     def residual_pixels(self) -> int:
         """How few pixels hold nine tenths of the sum of the residual's squares; 0 where there is none."""
         if self.estimate is None:
             return 0
-        squares = np.sort(np.sum((self.estimate - self.target) ** 2, axis=0)[self.weights > 0])[::-1]
+        off = np.where(self.weights > 0, self.estimate - self.target, 0)
+        squares = np.sort(np.sum(off**2, axis=0)[self.counts])[::-1]
         total = squares.sum()
         return 1 + int(np.searchsorted(np.cumsum(squares), 0.9 * total)) if total > 0 else 0
 

@@ -183,7 +183,7 @@ def chi_square_excess(residual: np.ndarray, counts: np.ndarray, sigma: float | N
     """
     if sigma is None or not counts.any():
         return 0.0
-    squares = (residual[:, counts] / sigma) ** 2
+    squares = (residual[counts] / sigma) ** 2
     mean, error = float(squares.mean()), float(squares.std() / np.sqrt(max(squares.size, 1)))
     excess = (mean - 1) / error if error > 0 else 0.0
     return excess if excess > 5 and mean > 1.02**2 else 0.0
@@ -215,8 +215,8 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
     else:
         assert solution is not None
         residual, counts = solution.residual, solution.observation.counts
-        sigma = options.sigma if loss == "l2" else None
-        is_noise = counts & ~np.logical_or.reduce([one.obscures(sigma or 0.0) for one in solution.problem.stages])
+        sigma, seen = options.sigma if loss == "l2" else None, np.asarray(solution.observation.root_weight) > 0
+        is_noise = seen & ~np.logical_or.reduce([one.obscures(sigma or 0.0) for one in solution.problem.stages])
         excess = chi_square_excess(residual, is_noise, sigma)
         judged = dataclasses.replace(findings, uncertainty=uncertainty, check=check)
         explained = is_near(residual, solution.weighted_target, counts)
@@ -274,7 +274,7 @@ def prior_contradictions(
 
 
 def weights_of(problem: Problem) -> np.ndarray:
-    """The weights of a target's pixels, "height width", in the unit in which they were given."""
+    """The weights of a target's numbers, "3 height width", in the unit in which they were given."""
     return (np.asarray(problem.observation.root_weight, np.float64) * problem.unit) ** 2
 
 

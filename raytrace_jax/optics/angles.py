@@ -1,5 +1,10 @@
 """Snell's law for angles: deviations, shifts and limits; and the check of all formulas' arguments."""
 
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -8,8 +13,53 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.errors import SettingsError
+from raytrace_jax.util.numerics import real_numbers
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
+def of_rays(function: F) -> F:
+    """A formula whose arguments, real numbers or rows of them, are checked: shapes are known within `jit` too.
+
+    Directions `d` and `n` have their three components on the first axis, and equally many axes.
+
+    Raises:
+        SettingsError: they are no real numbers, their shapes do not fit each other, or directions are no such ones.
+    """
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def checked(*args: Any, **kwargs: Any) -> Any:
+        bound = signature.bind(*args, **kwargs)
+        rays: dict[str, tuple[int, ...]] = {}
+        for name, value in bound.arguments.items():
+            if value is None and signature.parameters[name].default is None:
+                continue
+            try:
+                array = value if isinstance(value, Array) else real_numbers(value)
+            except ValueError as reason:
+                raise SettingsError(f"{name} {reason}.") from None
+            if jnp.iscomplexobj(array):
+                raise SettingsError(f"{name} is an array of the dtype {array.dtype}, and real numbers are wanted.")
+            if isinstance(value, list | tuple):
+                bound.arguments[name] = jnp.asarray(array, float)
+            rays[name] = array.shape
+        if "d" in rays:
+            wrong = [name for name in "dn" if rays[name][:1] != (3,) or len(rays[name]) != len(rays["d"])]
+            if wrong:
+                wanted = "(3, ...) is wanted: the components of directions come first, and all have as many axes"
+                raise SettingsError(f"{wrong[0]} has the shape {rays[wrong[0]]}, and {wanted}.")
+        try:
+            np.broadcast_shapes(*(shape[1:] if name in ("d", "n") else shape for name, shape in rays.items()))
+        except ValueError:
+            shapes = ", ".join(f"{name} has {shape}" for name, shape in rays.items())
+            raise SettingsError(f"shapes that fit each other are wanted, one entry for each ray: {shapes}.") from None
+        return function(*bound.args, **bound.kwargs)
+
+    return checked  # pyright: ignore[reportReturnType]
+
+
+@of_rays
 def snell_angle(theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"]) -> Float[Array, "*rays"]:
     """The angle of refraction by Snell's law, `theta_t = arcsin(sin(theta_i) / eta)`.
 
@@ -27,6 +77,7 @@ def snell_angle(theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#ra
     return _arcsin(jnp.sin(angle(theta_i)) / index(eta))
 
 
+@of_rays
 def critical_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
     """The angle of incidence, in radians, beyond which nothing is transmitted: `theta_c = arcsin(eta)`.
 
@@ -46,6 +97,7 @@ def critical_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
     return _arcsin(in_range(index(eta), ~(jnp.asarray(eta) > 1), "eta", wanted))
 
 
+@of_rays
 def brewster_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
     """The angle of incidence, in radians, at which `r_parallel` of `fresnel_amplitudes` is 0: `theta_B = arctan(eta)`.
 
@@ -58,6 +110,7 @@ def brewster_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
     return jnp.arctan(index(eta))
 
 
+@of_rays
 def slab_shift(
     theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"], thickness: Float[ArrayLike, "*#rays"]
 ) -> Float[Array, "*rays"]:
@@ -82,6 +135,7 @@ def slab_shift(
     return jnp.asarray(thickness) * (jnp.sin(theta_i) - jnp.cos(theta_i) * jnp.tan(theta_t))
 
 
+@of_rays
 def prism_deviation(
     theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"], apex: Float[ArrayLike, "*#rays"]
 ) -> Float[Array, "*rays"]:

@@ -7,7 +7,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.errors import SettingsError
-from raytrace_jax.optics.angles import in_range, index, snell_angle
+from raytrace_jax.optics.angles import in_range, index, of_rays, snell_angle
 from raytrace_jax.util.numerics import away_from_zero
 
 
@@ -23,6 +23,7 @@ class FocalLength(NamedTuple):
     back: Float[Array, "*rays"]
 
 
+@of_rays
 def sphere_deviation(
     theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"], internal_reflections: int = 0
 ) -> Float[Array, "*rays"]:
@@ -55,6 +56,7 @@ def sphere_deviation(
     return 2 * (theta_i - theta_t) + internal_reflections * (jnp.pi - 2 * theta_t)
 
 
+@of_rays
 def rainbow_angle(eta: Float[ArrayLike, "*rays"], internal_reflections: int = 1) -> Float[Array, "*rays"]:
     """The angle, in radians, at which a rainbow is seen from the point opposite to the sun: 42.1 degrees of water.
 
@@ -73,6 +75,7 @@ def rainbow_angle(eta: Float[ArrayLike, "*rays"], internal_reflections: int = 1)
     return jnp.abs(jnp.pi - turned % (2 * jnp.pi))
 
 
+@of_rays
 def rainbow_incidence(eta: Float[ArrayLike, "*rays"], internal_reflections: int = 1) -> Float[Array, "*rays"]:
     """The angle of incidence, in radians, at which `sphere_deviation` is least: rays crowd there, as in a rainbow.
 
@@ -102,6 +105,7 @@ def rainbow_incidence(eta: Float[ArrayLike, "*rays"], internal_reflections: int 
     return jnp.where(exists, jnp.arccos(jnp.sqrt(inside)), jnp.where(q < 0.5, jnp.pi / 2, 0))
 
 
+@of_rays
 def lens_focal_length(radius: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"]) -> FocalLength:
     """Effective and back focal length of a ball lens, `f = R eta / (2 (eta - 1))` and `f - R`.
 

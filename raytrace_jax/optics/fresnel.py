@@ -4,10 +4,11 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from raytrace_jax.optics.angles import cosine, index
+from raytrace_jax.optics.angles import cosine, index, of_rays
 from raytrace_jax.util.numerics import safe_sqrt
 
 
+@of_rays
 def fresnel_amplitudes(
     cos_theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"]
 ) -> tuple[Float[Array, "*rays"], Float[Array, "*rays"]]:
@@ -55,6 +56,7 @@ def _amplitudes(
     return jnp.where(total, 1, (eta * c - t) / parallel), jnp.where(total, 1, (c - eta * t) / perpendicular)
 
 
+@of_rays
 def fresnel_dielectric(
     cos_theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"]
 ) -> Float[Array, "*rays"]:
@@ -84,6 +86,7 @@ def reflected_share(c: Float[Array, "*#rays"], eta: Float[Array, "*#rays"]) -> F
     return (parallel * parallel + perpendicular * perpendicular) / 2
 
 
+@of_rays
 def fresnel_schlick(cos_theta: Float[ArrayLike, "*#rays"], ior: Float[ArrayLike, "*#rays"]) -> Float[Array, "*rays"]:
     """Schlick's approximation of the Fresnel reflectance, `R = R0 + (1 - R0)(1 - cos_theta)^5`.
 

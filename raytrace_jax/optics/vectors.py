@@ -6,12 +6,14 @@ Directions `d` run *with* the light path that is traced (from the camera into th
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from raytrace_jax.optics.angles import of_rays
 from raytrace_jax.util.numerics import dot, mean_sqrt, safe_normalize, safe_sqrt, with_lower_ranks
 
 AIR_IOR = 1.000293
 """Index of refraction of air, the medium around every shape of a course scene."""
 
 
+@of_rays
 @with_lower_ranks
 def reflect(d: Float[Array, "3 *rays"], n: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
     """Mirror directions, `r = d - 2 (d.n) n`.
@@ -25,6 +27,7 @@ def reflect(d: Float[Array, "3 *rays"], n: Float[Array, "3 *rays"]) -> Float[Arr
     return d - 2 * dot(d, n) * n
 
 
+@of_rays
 @with_lower_ranks
 def refract(
     d: Float[Array, "3 *rays"],

@@ -12,6 +12,7 @@ from raytrace_jax.tracer.derivatives import Differences, PictureDerivatives
 from raytrace_jax.tracer.rendering import Film
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.checked import refuse_other
 from raytrace_jax.util.files import strict
 
 
@@ -30,6 +31,7 @@ def write_film(
     Raises:
         PictureError: a channel holds NaN or infinity, or what a half cannot hold; the file cannot be written.
     """
+    refuse_other(film, Film, "render")
     settings = resolve_settings(scene, settings)
     write_exr(path, film.channels(), metadata=how_made(scene, settings), half=half)
 
@@ -52,6 +54,7 @@ def write_derivatives(
     Raises:
         PictureError: a channel holds NaN or infinity; the file cannot be written.
     """
+    refuse_other(found, PictureDerivatives, "picture_derivatives")
     settings = resolve_settings(scene, settings)
     channels = dict(zip("RGB", found.image, strict=True))
     layers = {f"d.{name}": values for name, values in zip(found.names, found.values, strict=True)}

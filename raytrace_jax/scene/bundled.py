@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+from raytrace_jax.errors import ModelFileError
+from raytrace_jax.util.files import as_path
 from raytrace_jax.util.text import listed
 
 
@@ -20,7 +22,7 @@ def scene_folder() -> Path:
 
 def scene_path(path: str | os.PathLike[str]) -> Path:
     """The file that a path means: the path's own file, or where there is none the bundled scene of that name."""
-    given = Path(path)
+    given = as_path(path, ModelFileError)
     return given if os.path.lexists(given) else bundled_scenes().get(os.fspath(path), given)
 
 

@@ -226,6 +226,9 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
         ParameterError: an unknown name, two names for one number, a wrong shape, or a concrete value that no
             `model.txt` may have (traced values have no value to check yet).
     """
+    if not isinstance(values, Mapping):
+        wanted = "values by the names of parameters are wanted, as {'glass.ior': 1.5}"
+        raise ParameterError(f"{wanted}, and this is of the type {type(values).__name__}.")
     scene = with_film(scene, values)
     parameters = {name: resolve(scene, name) for name in values}
     _scalar_addresses(parameters.items())
@@ -292,11 +295,16 @@ def scalar_names(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
     Raises:
         ParameterError: an unknown name, two names for one number (also under another spelling), or one text.
     """
-    names = list(names)
-    if "." in names and len(names) > 1:
-        text = "".join(name for name in names if len(name) == 1)
-        raise ParameterError(f"a list of names is wanted, and this is the text {text!r}: write [{text!r}].")
-    return tuple(_scalar_addresses([(name, resolve(scene, name)) for name in names]).values())
+    return tuple(_scalar_addresses([(name, resolve(scene, name)) for name in row_of_names(names)]).values())
+
+
+def row_of_names(names: Iterable[str]) -> tuple[str, ...]:
+    """The names in a row. Raises ParameterError of what is none, as one text or an array of numbers."""
+    if isinstance(names, str):
+        raise ParameterError(f"a list of names is wanted, and this is the text {names!r}: write [{names!r}].")
+    if not isinstance(names, Iterable) or getattr(names, "ndim", 1) != 1:
+        raise ParameterError(f"a list of names is wanted, and this is of the type {type(names).__name__}.")
+    return tuple(names)
 
 
 def _scalar_addresses(parameters: Iterable[tuple[str, Parameter]]) -> dict[Address, str]:

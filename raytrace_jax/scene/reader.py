@@ -178,6 +178,8 @@ def parse_scene(
         TypeError: `dtype` is not a floating type.
     """
     float_dtype = floating(dtype)
+    if not isinstance(text, str):
+        raise ModelFileError(f"{source}: the text of a scene is wanted, and this is of the type {type(text).__name__}.")
     stream = TokenStream(text.removeprefix("\ufeff"), source)  # the byte order mark that some editors write
     # A generator: the first error in the order of the file is raised, be it within a block or between two.
     blocks = read_blocks(stream, Path(folder))

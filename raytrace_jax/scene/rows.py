@@ -21,6 +21,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType, is_name
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, SETTINGS, SHAPE_KEYWORDS
+from raytrace_jax.util.compilation import refuse_fork
 from raytrace_jax.util.numerics import cast, is_traced, real_numbers
 from raytrace_jax.util.text import did_you_mean, listed, quoted, sentence
 
@@ -189,6 +190,7 @@ def assemble(
         model: the one as which the scene is loaded; None is that of its settings, or `classic`.
         error: words an error that no block is to blame for.
     """
+    refuse_fork()  # The first arrays start JAX, and what forks from then on has no use of it.
     # Blocks by keyword and name. Shapes have their names in common, and their order.
     named: dict[str, dict[str, Description]] = {_namespace(keyword): {} for keyword in BLOCK_TYPES}
     for row in described:

@@ -31,6 +31,7 @@ from raytrace_jax.scene.structs import (
     Slabs,
     Spheres,
 )
+from raytrace_jax.util.compilation import refuse_fork
 from raytrace_jax.util.text import quoted
 
 Camera = ImagePlaneCamera | PerspectiveCamera
@@ -106,6 +107,7 @@ class Scene(eqx.Module):
 
 def check_scene(given: object) -> None:
     """Refuse a path or a text where a `Scene` is expected. Raises SceneError that says how a scene is made of it."""
+    refuse_fork()
     if isinstance(given, Scene):
         return
     if isinstance(given, str) and "{" in given:

@@ -13,7 +13,15 @@ from jaxtyping import Array, ArrayLike, Float
 
 from raytrace_jax.errors import ParameterError, SettingsError
 from raytrace_jax.scene.checks import check_values
-from raytrace_jax.scene.parameters import film_effects, get_parameter, resolve, scalar_names, set_parameters, with_film
+from raytrace_jax.scene.parameters import (
+    film_effects,
+    get_parameter,
+    resolve,
+    row_of_names,
+    scalar_names,
+    set_parameters,
+    with_film,
+)
 from raytrace_jax.scene.response import Frame, develop, without_idle
 from raytrace_jax.scene.scene import Scene, without_texels
 from raytrace_jax.tracer.pixels import SceneFunction, picture_pixels, pixel_derivatives
@@ -71,7 +79,7 @@ def picture_derivatives(
         PictureError: there is no memory for such pictures.
     """
     settings = resolve_settings(scene, settings)
-    scene = with_film(scene, names := tuple(names))
+    scene = with_film(scene, names := row_of_names(names))
     scalars = _scalars(scene, names)
     check_values(scene)
     settings = dataclasses.replace(settings, aov=())
@@ -193,7 +201,7 @@ def finite_differences(
     settings = resolve_settings(scene, settings)
     if not (np.isfinite(step) and step > 0):
         raise ValueError(f"step is {step}; it can be any number greater than 0")
-    scene = with_film(scene, names := tuple(names))
+    scene = with_film(scene, names := row_of_names(names))
     settings = dataclasses.replace(settings, edges="point", samples=samples, aov=())
     # A step that a parameter cannot take is refused before the first picture.
     ends = {name: _ends(scene, name, step) for name in _scalars(scene, names)}

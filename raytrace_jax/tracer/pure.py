@@ -2,13 +2,14 @@
 
 import dataclasses
 import functools
+import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from raytrace_jax.errors import SceneError
+from raytrace_jax.errors import SceneError, SettingsError
 from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.response import develop
 from raytrace_jax.scene.scene import Scene, check_scene, map_scenes, without_texels
@@ -19,6 +20,7 @@ from raytrace_jax.tracer.rendering import Film, Image, refuse_too_large, render_
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.run import NEEDS, Capacity, capacity_for, scene_key
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.checked import Wanted, suits
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import instantiated, is_traced, is_zero, with_lower_ranks
 
@@ -28,6 +30,8 @@ USUAL_NEEDS = {"point": 10.0, "aware": 24.0}
 
 def room_for(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
     """Room for a picture and its derivative: what is usual, or `slack` times what such a scene was seen to want."""
+    if not suits(slack, float, Wanted(above=0, below=math.inf)):
+        raise SettingsError(f"slack is {slack!r:.40}; a number greater than 0 is wanted.")
     settings, scene = settings.of_derivative.of_rays, dataclasses.replace(scene, film=None)
     # A part of a picture may have been seen, of sky alone: never less than what is usual.
     need = max(slack * NEEDS.get(scene_key(scene, settings), 0), USUAL_NEEDS[settings.edges or "aware"])

@@ -55,6 +55,13 @@ class Checked:
                 object.__setattr__(self, name, tuple(map(kind, value)) if kind in (int, float) else tuple(value))
 
 
+def refuse_other(given: object, wanted: type, maker: str) -> None:
+    """Raise RaytraceError for what is not of the type that is wanted, which `maker` returns."""
+    if not isinstance(given, wanted):
+        came = f"of the type {type(given).__name__}"
+        raise RaytraceError(f"a {wanted.__name__} is wanted, as {maker} returns it, and this is {came}.")
+
+
 @functools.cache
 def hints(options: type) -> dict[str, Any]:
     found = get_type_hints(options, include_extras=True)

@@ -6,6 +6,7 @@ lets another find it ready. `kept_programs` has its trace for later processes.
 
 import functools
 import inspect
+import os
 import threading
 import weakref
 from collections.abc import Callable, Hashable
@@ -13,9 +14,11 @@ from concurrent.futures import Future
 from typing import Any
 
 import jax
+import numpy as np
 from jax.core import Tracer
 from jax.export import Exported, export
 
+from raytrace_jax.errors import RaytraceError
 from raytrace_jax.util.kept_programs import load_program, program_path, save_program
 from raytrace_jax.util.numerics import with_lower_ranks
 
@@ -54,6 +57,21 @@ def _is_known(name: str, value: bool | int | str) -> bool:
     return True
 
 
+@functools.cache
+def first_process() -> int:
+    """The process that was the first to use JAX here; one that is forked from it inherits the answer."""
+    return os.getpid()
+
+
+def refuse_fork() -> None:
+    """Raise RaytraceError in a process that was forked from one that had used JAX: its programs never end there."""
+    if os.getpid() != first_process():
+        raise RaytraceError(
+            "this process was forked from one that had used JAX, whose threads a forked process lacks: a program "
+            "would wait for them for ever. Start it with the method 'spawn', or fork before the first scene."
+        )
+
+
 class Jitted:
     """A pure function, compiled with `compiler_options` for each kind of arguments.
 
@@ -76,14 +94,18 @@ class Jitted:
         ALL_JITTED.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        refuse_fork()
         static, leaves, structure = self._bind(args, kwargs)
         if any(isinstance(leaf, Tracer) for leaf in leaves):
             return self.within(*args, **kwargs)
-        return self._program(static, leaves, structure)(leaves)
+        # What `jax.disable_jit` asks for, one operation after the other, is no program.
+        with jax.disable_jit(False):
+            return self._program(static, leaves, structure)(leaves)
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
         """Compile the program for such arguments if there is none, and run nothing."""
-        self._program(*self._bind(args, kwargs))
+        with jax.disable_jit(False):
+            self._program(*self._bind(args, kwargs))
 
     def _bind(self, args: tuple, kwargs: dict[str, Any]) -> tuple[dict[str, Any], list[Any], Any]:
         """Arguments by name: those that are static; and the arrays, flattened, with their tree's structure."""
@@ -91,7 +113,8 @@ class Jitted:
         bound.apply_defaults()
         static = {name: value for name, value in bound.arguments.items() if name in self.static}
         arrays = {name: value for name, value in bound.arguments.items() if name not in self.static}
-        return static, *jax.tree.flatten(arrays)
+        leaves, structure = jax.tree.flatten(arrays)
+        return static, [_anywhere(leaf) for leaf in leaves], structure
 
     def _program(self, static: dict[str, Any], leaves: list[Any], structure: Any) -> Callable[[list[Any]], Any]:
         """The compiled program for such arguments: from their arrays to the function's results."""
@@ -170,6 +193,13 @@ def forget_programs() -> None:
     for jitted in ALL_JITTED:
         jitted.programs.clear()
     jax.clear_caches()
+
+
+def _anywhere(leaf: Any) -> Any:
+    """The array itself; its numbers, if it was put on some of the devices: programs share their work among all."""
+    if not isinstance(leaf, jax.Array) or isinstance(leaf, Tracer) or not leaf.committed:
+        return leaf
+    return leaf if len(leaf.sharding.device_set) == jax.device_count() else np.asarray(leaf)
 
 
 def _leaf_key(leaf: Any) -> Hashable:

@@ -15,6 +15,14 @@ from typing import Any
 from raytrace_jax.errors import RaytraceError
 
 
+def as_path(name: str | os.PathLike[str], error: type[RaytraceError] = RaytraceError) -> Path:
+    """The path that a name stands for. Raises `error` of what is no name, as a number or an array."""
+    try:
+        return Path(name)
+    except TypeError:
+        raise error(f"the name of a file is wanted, and this is of the type {type(name).__name__}.") from None
+
+
 @contextlib.contextmanager
 def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = RaytraceError) -> Iterator[Path]:
     """Yield a temporary path in the folder of `path`; on success it is renamed onto `path`, else removed.
@@ -25,7 +33,7 @@ def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = R
     Raises:
         error: the folder cannot be made or written, `path` is not an ordinary file, the disk is full.
     """
-    target = Path(os.path.realpath(path))
+    target = Path(os.path.realpath(as_path(path, error)))
     # The file is not made here: one from `tempfile` would be readable by its owner only.
     temporary = target.parent / f".{target.name}.part-{secrets.token_hex(4)}{target.suffix}"
     try:
@@ -57,7 +65,7 @@ def read_bytes(path: str | os.PathLike[str], *, count: int = -1, error: type[Ray
     Raises:
         error: the file is missing (close matches in its folder are named), is a folder or cannot be read.
     """
-    path = Path(path)
+    path = as_path(path, error)
     try:
         with path.open("rb") as file:
             return file.read(count)

@@ -272,7 +272,7 @@ def test_correlated_pixels_are_near_pairs():
 
 @pytest.mark.parametrize("blur", [0.0, 0.5, 1.0])
 def test_noise_covariance_is_that_of_draws(blur):
-    everywhere = np.ones(COLUMNS.shape[2:], bool)
+    everywhere = np.ones(COLUMNS.shape[1:], bool)
 
     def noise(seed):
         return ndimage.gaussian_filter(white(seed), (0, blur, blur)) if blur else white(seed)

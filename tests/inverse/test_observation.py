@@ -41,10 +41,30 @@ def test_the_target_has_the_scenes_dtype(dtype):
     assert observation.target.dtype == observation.root_weight.dtype == dtype
 
 
-def test_weights_are_averaged_over_channels():
+def of_channels(weights):
+    """The weights of pixels as those of their three channels."""
+    return np.broadcast_to(weights, TARGET.shape)
+
+
+def test_each_channel_has_its_weight():
     weights = np.random.default_rng(1).uniform(0, 4, (3, HEIGHT, WIDTH))
-    np.testing.assert_allclose(seen(weights=weights).root_weight ** 2, weights.mean(0))
-    np.testing.assert_allclose(seen(weights=weights[0]).root_weight ** 2, weights[0])
+    weights[2] = 0
+    observation = seen(with_value(np.nan, (2, 1, 3)), weights)
+    np.testing.assert_allclose(observation.root_weight**2, weights)
+    assert observation.count == 2 * HEIGHT * WIDTH and observation.counts.all()
+    np.testing.assert_allclose(observation.residual(np.zeros_like(TARGET)), -TARGET * np.sqrt(weights))
+    np.testing.assert_allclose(seen(weights=weights[0]).root_weight ** 2, of_channels(weights[0]))
+
+
+def test_a_mosaic_is_seen_in_large_pixels():
+    """Each pixel has one channel, as of a sensor: a large pixel is the mean of the numbers that there are."""
+    mosaic = np.zeros((3, 4, 6))
+    mosaic[0, ::2, ::2] = mosaic[1, ::2, 1::2] = mosaic[1, 1::2, ::2] = mosaic[2, 1::2, 1::2] = 1
+    colour = np.array([0.2, 0.5, 0.8])[:, None, None]
+    target = np.where(mosaic > 0, colour * (1 + np.arange(6) // 2), np.nan)
+    large = seen(target, mosaic, settings=resolved(size=(6, 4))).binned(2)
+    np.testing.assert_allclose(large.target, np.broadcast_to(colour * [1, 2, 3], (3, 2, 3)))
+    np.testing.assert_allclose(large.root_weight**2, np.broadcast_to([[[0.25]], [[0.5]], [[0.25]]], (3, 2, 3)))
 
 
 def test_masked_pixels_are_zero():
@@ -87,6 +107,11 @@ GREY = np.full_like(TARGET, 0.25)
         (GREY, None, "one constant colour; there is nothing"),
         (with_value(1.0, (0, 1, 2), of=GREY), HOLE, "one constant colour, as far as the mask shows it"),
         (TARGET, HOLE[:-1], "the mask is 7 x 4 pixels, the target 7 x 5"),
+        (TARGET, HOLE.T, "the mask is 5 x 7 pixels, the target 7 x 5"),
+        (TARGET, np.ones((HEIGHT, WIDTH, 3)), r"the mask has shape \(5, 7, 3\); wanted \(5, 7\) or \(3, 5, 7\)"),
+        (TARGET, np.ones((2, HEIGHT, WIDTH)), r"the mask has shape \(2, 5, 7\)"),
+        (TARGET, np.ones(HEIGHT * WIDTH), r"the mask has shape \(35,\)"),
+        (TARGET, 1.0, r"the mask has shape \(\)"),
         (TARGET, with_value(-1.0, (0, 0), (3, 3), of=HOLE), "2 values that are negative, NaN or infinite"),
         (TARGET, with_value(np.inf, (0, 0), of=HOLE), "1 values that are negative, NaN or infinite"),
         (TARGET, 0 * HOLE, "the mask is 0 everywhere"),
@@ -108,12 +133,12 @@ def test_what_makes_no_sense_is_refused(target, weights, words):
 def test_pixels_masked_by_numpy_do_not_count(mask_out):
     target, weights = masked(TARGET, (0, 1, 2), (2, 3, 4)), with_value(np.nan, (0, 0), of=np.full(HOLE.shape, 2.0))
     wanted = with_value(0.0, (1, 2), (3, 4), of=np.ones_like(HOLE))
-    np.testing.assert_array_equal(seen(mask_out(target)).root_weight, wanted)
+    np.testing.assert_array_equal(seen(mask_out(target)).root_weight, of_channels(wanted))
     found = seen(mask_out(target), np.ma.masked_invalid(weights))
-    np.testing.assert_allclose(found.root_weight**2, with_value(0.0, (0, 0), of=2 * wanted))
+    np.testing.assert_allclose(found.root_weight**2, of_channels(with_value(0.0, (0, 0), of=2 * wanted)))
     np.testing.assert_array_equal(found.target, np.where(found.root_weight > 0, TARGET, 0))
     three = masked(np.ones(TARGET.shape, int), (1, 1, 2), (1, 3, 4))
-    np.testing.assert_array_equal(seen(TARGET, three).root_weight, wanted)
+    np.testing.assert_array_equal(seen(TARGET, three).root_weight, of_channels(wanted))
 
 
 def test_a_nearly_constant_target_is_taken():
@@ -125,7 +150,7 @@ def test_a_large_pixel_is_a_mean_or_masked():
     large = seen(weights=weights).binned(2)
     assert large.target.shape == (3, 2, 3)  # What does not fill a pixel is left out.
     np.testing.assert_allclose(large.target[:, 0, 0], TARGET[:, :2, :2].mean((1, 2)))
-    np.testing.assert_allclose(np.asarray(large.root_weight) ** 2, [[1.5, 0, 1], [1, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(np.asarray(large.root_weight[0]) ** 2, [[1.5, 0, 1], [1, 0, 1]], atol=1e-12)
     np.testing.assert_allclose(large.target[:, 1, 2], TARGET[:, 2:4, 4:6].mean((1, 2)))
     assert large.count == 3 * 4
     bias = np.random.default_rng(2).uniform(size=TARGET.shape)

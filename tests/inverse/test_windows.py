@@ -31,7 +31,7 @@ def test_a_binned_pixel_is_centred(binning: int, base_binning: int, mapping: Pix
     window = None if crop is None else tuple(number // base_binning for number in crop)
     problem = posed(dataclasses.replace(WHOLE, binning=base_binning, mapping=mapping, crop=window))
     own, large = problem.raster().pixels, problem.raster(binning).pixels
-    of_target = own.points.reshape(2, *problem.binned(1).root_weight.shape)
+    of_target = own.points.reshape(2, *problem.binned(1).target.shape[1:])
     np.testing.assert_allclose(large.points.reshape(2, -1), bin_pixels(of_target, binning).reshape(2, -1), atol=1e-12)
     np.testing.assert_allclose(large.step, binning * own.step)
 

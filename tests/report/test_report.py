@@ -212,7 +212,7 @@ def test_masked_residuals_set_no_scale():
     image, weights = result.pictures.target.copy(), result.pictures.weights.copy()
     image[1, 2, 3] -= 4 / 255
     image[0, 5, 6] += 200 / 255
-    weights[5, 6] = 0
+    weights[:, 5, 6] = 0
     residual = residual_of(changed(result, pictures={"weights": weights}), image)
     assert residual.picture[2, 3] == pytest.approx(-4) and residual.limit == pytest.approx(4)
     assert residual.picture.mask.sum() == 1 and not residual.extends

@@ -130,7 +130,7 @@ def read_colours(
     problem = build_problem(scene, target, command.free, settings, options, weights).problem
     # Beside, as a fit is: Ctrl-C need not wait for what is compiled here.
     image = run_beside(lambda: supersampled(problem, problem.start(), settings.samples), lambda: None, lambda: None)
-    counts = np.asarray(problem.observation.root_weight) > 0
+    counts = problem.observation.counts
     off = stored_differences(image[:, counts], target[:, counts], bool(problem.camera.linear_indices))
     nearest = min(off, key=lambda transfer: off[transfer])
     # The course's transfer holds unless another one is clearly nearer.

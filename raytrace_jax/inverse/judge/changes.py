@@ -117,7 +117,7 @@ class SampledPicture:
         return 1e-8 if self.problem.observation.target.dtype == np.float64 else 3e-4
 
     @property
-    def root_weight(self) -> Float[np.ndarray, " pixels"]:
+    def root_weight(self) -> Float[np.ndarray, "3 pixels"]:
         return self.sampled.of(np.asarray(self.problem.observation.root_weight, np.float64))
 
     def _step_of(self, edges: EdgeMode) -> Float[np.ndarray, "2"] | None:

@@ -109,12 +109,12 @@ def beyond(observation: Observation, residual: Image, weight: Image, bound: np.n
     Args:
         bound: of each of the target's numbers, in its own unit.
     """
-    target, counts = np.asarray(observation.target), observation.counts
+    target, counts = np.asarray(observation.target), np.asarray(observation.root_weight) > 0
     within = np.abs(residual) <= weighted(observation, bound)
     values, neighbours = np.asarray(target, np.float64), (1, 3, 3)
     span = ndimage.maximum_filter(values, neighbours) - ndimage.minimum_filter(values, neighbours)
     is_flat = counts & (span <= 4.0 * bound)
-    looked_at = is_flat if np.mean(is_flat) > 0.05 else np.broadcast_to(counts, is_flat.shape)
+    looked_at = is_flat if np.mean(is_flat) > 0.05 else counts
     # Of noise as large as the bound three quarters are within it, of half of that all.
     outside = np.where(within, 0.0, residual) if np.mean(within[looked_at]) > 0.9 else residual
     # A thousand roundings: the digits of sums over a hundred thousand pixels.

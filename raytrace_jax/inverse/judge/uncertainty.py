@@ -76,7 +76,7 @@ def noise_level(state: FitState) -> float:
     linearization = state.linearization
     if state.stage.loss != "l2":
         return MAD_TO_SIGMA * float(linearization.typical)
-    freedom = 3 * int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)
+    freedom = int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)
     return float(np.sqrt(float(linearization.squares) / max(freedom, 1)))
 
 

@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.inverse.problem.linearize import outer
-from raytrace_jax.inverse.problem.stages import ObservationStage, Scores
-from raytrace_jax.inverse.problem.unknowns import Covariance, Image, Mask, PixelJacobian
+from raytrace_jax.inverse.problem.stages import Matters, ObservationStage, Scores
+from raytrace_jax.inverse.problem.unknowns import Covariance, Image, PixelJacobian
 from raytrace_jax.util.numerics import solve_normal
 
 
@@ -67,7 +67,7 @@ def leverages(rows: Float[np.ndarray, "parameters channels pixels"]) -> Float[np
     return np.einsum("acp,adp->cdp", rows, solve_normal(flat @ flat.T, flat).reshape(rows.shape))
 
 
-def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Mask) -> Covariance:
+def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Matters) -> Covariance:
     """The part of correlated neighbours in the covariance of `sum(jacobian * score)` (after Conley 1999).
 
     The scores' covariance by distance and channels is pooled over the picture. That is a few numbers, known well; sums
@@ -75,16 +75,19 @@ def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Mask) -> 
     """
     count, farthest = len(jacobian), 7  # Pixels: to the far side of a block of a JPEG.
     jacobian, score = np.where(matters, jacobian, 0.0), np.where(matters, score, 0.0)
-    variance = np.sum(score**2, axis=(1, 2)) / max(int(matters.sum()), 1)
+    variance = np.sum(score**2, axis=(1, 2)) / np.maximum(matters.sum(axis=(1, 2)), 1)
+    number = matters.astype(score.dtype)
     added = np.zeros((count, count))
     for down in range(farthest + 1):
         for right in range(-farthest if down else 1, farthest + 1):
             here, there = _pair_windows(down, right)
-            pairs = int(np.sum(matters[here] & matters[there]))
-            if not pairs:
+            # Of each two channels; a weight may leave out one of them.
+            pairs = products(number, here, there)
+            if not pairs.any():
                 continue
+            pairs = np.maximum(pairs, 1)
             # Only what is 5 standard errors above chance counts: of a thousand correlations chance makes none so large.
-            covariance = np.einsum("ahw,bhw->ab", score[:, *here], score[:, *there]) / pairs
+            covariance = products(score, here, there) / pairs
             chance = np.sqrt(np.outer(variance, variance) / pairs)
             covariance = np.where(np.abs(covariance) > 5.0 * chance, covariance, 0.0)
             if not covariance.any():
@@ -94,6 +97,11 @@ def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Mask) -> 
             part = jacobian[:, :, *here].reshape(count, -1) @ mixed.reshape(count, -1).T
             added += part + part.T
     return added
+
+
+def products(image: Image, here: tuple[slice, slice], there: tuple[slice, slice]) -> Float[np.ndarray, "3 3"]:
+    """Sums of the products of two windows of a picture, for each two channels."""
+    return image[:, *here].reshape(len(image), -1) @ image[:, *there].reshape(len(image), -1).T
 
 
 def _pair_windows(down: int, right: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from raytrace_jax.inverse.observe import sampling
 from raytrace_jax.inverse.observe.sampling import Moments, pixel_moments, point_sampled, samples_of
@@ -61,7 +61,7 @@ class ResampledPicture:
         """
         if samples_of(self.problem) is not None:
             return 0
-        root = np.asarray(state.problem.observation.root_weight, np.float64)[self.row, self.column]
+        root = np.asarray(state.problem.observation.root_weight, np.float64)[:, self.row, self.column]
         within = float(np.sum(self.variance * root**2)) * 6 * 0.25**2
         seen = float(np.sum(np.asarray(state.residual)[:, self.row, self.column] ** 2))
         return sampling.lattice_size((10 * within / max(seen, TINY)) ** (2 / 3), most=2e7 / max(len(self.row), 1))
@@ -72,11 +72,11 @@ class ResampledPicture:
         return np.asarray(self.radiance.image, np.float64)
 
     @property
-    def weighted_variance(self) -> Float[np.ndarray, "height width"]:
-        """The largest variance of a channel within each pixel, in the unit of a squared residual; 0 if not listed."""
+    def weighted_variance(self) -> Image:
+        """The variance within each pixel, in the unit of a squared residual; 0 where it is not listed."""
         root = np.asarray(self.problem.observation.root_weight, np.float64)
         found = np.zeros(root.shape)
-        found[self.row, self.column] = self.variance.max(axis=0)
+        found[:, self.row, self.column] = self.variance
         return found * root**2
 
     @property
@@ -87,10 +87,14 @@ class ResampledPicture:
         with a fraction `f` on one side it is `c^2 f (1 - f)`, whose mean over `f` is `c^2 / 6`. It is 0 where there is
         no edge that counts, or the pixel has no weight.
         """
-        jump = np.sqrt(6 * self.variance.sum(axis=0)) / len(self.offsets)
-        counts = self.problem.observation.counts[self.row, self.column]
+        jump = np.sqrt(6 * np.sum(self.variance * self.counts, axis=0)) / len(self.offsets)
         # What varies less than a tenth of the strongest edge may do so smoothly.
-        return np.where((jump > 0.1 * np.max(jump, initial=TINY)) & counts, jump, 0.0)
+        return np.where(jump > 0.1 * np.max(jump, initial=TINY), jump, 0.0)
+
+    @property
+    def counts(self) -> Bool[np.ndarray, "3 listed"]:
+        """Which numbers of the listed pixels have a weight."""
+        return np.asarray(self.problem.observation.root_weight)[:, self.row, self.column] > 0
 
     def confusion(self) -> Covariance:
         """Covariance of unknowns whose pictures are the same; 0 where the target's samples are no known grid.
@@ -108,7 +112,7 @@ class ResampledPicture:
             return np.zeros((len(self.y),) * 2)
         jump = self.jump
         seen = jump > 0
-        slopes = self.jacobian[:, :, self.row, self.column][:, :, seen] / np.maximum(jump[seen], TINY)
+        slopes = (self.jacobian[:, :, self.row, self.column] * self.counts)[:, :, seen] / np.maximum(jump[seen], TINY)
         count = len(slopes)
         flat = slopes.reshape(count, -1)
         length = np.sqrt(np.maximum(np.sum(flat**2, axis=1), TINY))

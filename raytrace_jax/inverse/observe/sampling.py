@@ -29,13 +29,12 @@ class Sampling(ObservationStage):
     Args:
         samples: how many a side a regular grid has; None for the mean over the pixel, or samples that are not known.
         confused: covariance of unknowns whose pictures of these samples are the same, where that was found out.
-        variance: the largest of a channel within each pixel, weighted, where that was found out and the samples are not
-            known.
+        variance: that within each pixel, weighted, where it was found out and the samples are not known.
     """
 
     samples: int | None = None
     confused: Covariance | None = None
-    variance: Float[np.ndarray, "height width"] | None = None
+    variance: Image | None = None
 
     @property
     def advice(self) -> str:
@@ -47,7 +46,7 @@ class Sampling(ObservationStage):
         return super().confusion(count) if self.confused is None else self.confused
 
     def obscures(self, sigma: float) -> Bool[np.ndarray, "*shape"]:
-        """The pixels in which a few samples may err by a tenth of such noise."""
+        """The numbers in which a few samples may err by a tenth of such noise."""
         # Four samples: a hundredth more of the squares, of which nobody knows the noise to 2 %.
         return np.zeros((), bool) if self.variance is None else self.variance > 4 * (0.1 * sigma) ** 2
 
@@ -167,7 +166,7 @@ def detect_samples(
         linearization: that of the edge-aware picture there.
     """
     target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
-    variance = np.where(root > 0, coarse.variance.max(axis=0), 0.0)
+    variance = np.where(root > 0, coarse.variance, 0.0).max(axis=0)
     row, column = np.nonzero(variance > 0.1 * np.max(variance))
     # A lossy file leaves nothing of a grid. If the film mixes pixels, a few of them tell nothing.
     if any(isinstance(stage, Compression) for stage in problem.stages):
@@ -188,7 +187,7 @@ def detect_samples(
     def of_samples(offsets: Float[np.ndarray, "samples 2"], some: Int[np.ndarray, " some"]) -> np.ndarray:
         light, (where, at) = np.zeros(target.shape), (row[some], column[some])
         light[:, where, at] = pixel_moments(problem, scene, at, where, offsets).mean
-        return distance((camera.image(light, values, frame) - target)[:, where, at] * root[where, at], some)
+        return distance((camera.image(light, values, frame) - target)[:, where, at] * root[:, where, at], some)
 
     def evidence(better: np.ndarray, other: np.ndarray) -> float:
         """Standard errors by which one picture is nearer (Vuong 1989), by the log likelihood of Cauchy's noise.

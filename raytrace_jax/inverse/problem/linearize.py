@@ -80,7 +80,7 @@ class Linearization(eqx.Module):
     Args:
         image: the picture, not blurred; the target's colour in a pixel that is left out.
         pixel_jacobian: derivative of picture minus target, weighted and blurred, with respect to the unknowns.
-        matters: the pixels that count and depend on a free parameter.
+        matters: the numbers that count, of the pixels that depend on a free parameter.
         typical: median magnitude of the weighted residuals in the pixels that matter.
         information: `J^T J` of the weighted picture alone, before any loss.
         curvature: `J^T C J`, where C has the loss's second derivative at each residual, with that of the priors.
@@ -93,7 +93,7 @@ class Linearization(eqx.Module):
     image: Float[Array, "3 height width"]
     bad: Bool[Array, "height width"]
     pixel_jacobian: Float[Array, "parameters 3 height width"]
-    matters: Bool[Array, "height width"]
+    matters: Bool[Array, "3 height width"]
     typical: Float[Array, ""]
     squares: Float[Array, ""]
     information: Float[Array, "parameters parameters"]
@@ -127,7 +127,7 @@ def linearize(
     # Pixels that are not finite are left out, up to a thousandth of those that count or one. With more the picture is
     # broken, and a solver must not prefer it because what is left of it fits.
     count = len(values)
-    counts = observation.root_weight > 0
+    counts = jnp.any(observation.root_weight > 0, axis=0)
     sharp = observation.residual(picture.image)
     broken = ~(jnp.isfinite(sharp).all(axis=0) & jnp.isfinite(picture.jacobian).all(axis=(0, 1)))
     number, all_ = (jnp.sum(where, dtype=sharp.dtype) for where in (broken & counts, counts))
@@ -138,7 +138,7 @@ def linearize(
     raw = gaussian_blur(jnp.where(bad, 0, sharp), blur)
     # The residual is linear in the picture: its blurred derivative is the derivative of the blurred one.
     jacobian = gaussian_blur(jnp.where(bad, 0, picture.jacobian * observation.root_weight), blur)
-    matters = jnp.any(jacobian != 0, axis=(0, 1)) & counts & ~bad
+    matters = jnp.any(jacobian != 0, axis=(0, 1)) & (observation.root_weight > 0) & ~bad
     # The median of every seventh, since sorting is slow: 7 shares no factor with usual widths. 1 to 29 do as well.
     sample = jnp.where(matters, jnp.abs(raw), jnp.inf).reshape(-1)[::7]
     sampled = jnp.sum(jnp.isfinite(sample), dtype=jnp.int32)

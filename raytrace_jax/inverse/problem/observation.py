@@ -1,4 +1,4 @@
-"""The observation: a target, the weight of its pixels, and what the tracer's picture is known to lack of it."""
+"""The observation: a target, the weight of its colours, and what the tracer's picture is known to lack of it."""
 
 import dataclasses
 import math
@@ -22,14 +22,14 @@ class Observation(eqx.Module):
     """The observation model `target = picture + bias + noise`, whose noise has the standard deviation sigma / sqrt(w).
 
     Args:
-        target: scene-linear RGB; 0 where the weight is 0.
+        target: scene-linear RGB; 0 in a pixel without a weight, and where no finite number came.
         bias: what the tracer's picture is known to lack of the mean over each pixel, 0 where nothing is known.
-        root_weight: square root of each pixel's weight w in the sum of squares.
+        root_weight: square root of the weight w of each pixel's channel in the sum of squares.
     """
 
     target: Float[Array, "3 height width"]
     bias: Float[Array, "3 height width"]
-    root_weight: Float[Array, "height width"]
+    root_weight: Float[Array, "3 height width"]
 
     def residual(self, image: Float[AnyArray, "3 height width"]) -> Float[AnyArray, "3 height width"]:
         """Picture and bias minus target, weighted; a picture of numpy compiles nothing."""
@@ -47,29 +47,36 @@ class Observation(eqx.Module):
         return dataclasses.replace(self, root_weight=jnp.asarray(root, self.target.dtype))
 
     def binned(self, binning: int) -> "Observation":
-        """Squares of pixels averaged to one; a square with a pixel of weight 0 is left out."""
+        """Squares of pixels averaged to one; a square with a pixel of weight 0 is left out.
+
+        Where that leaves nothing of a channel, as of the mosaic of a sensor, the mean of what has a weight stands for
+        the square.
+        """
         # In numpy: each operation on arrays of a new size is a program to JAX.
-        weight = np.asarray(self.root_weight) ** 2
-        whole = bin_pixels((weight > 0).astype(weight.dtype), binning) == 1
-        binned = np.where(whole, bin_pixels(weight, binning), 0)
-        pictures = (bin_pixels(np.asarray(picture), binning) for picture in (self.target, self.bias))
-        return Observation(*map(jnp.asarray, (*pictures, np.sqrt(binned))))
+        weight, target = np.asarray(self.root_weight) ** 2, np.asarray(self.target)
+        seen = (weight > 0).astype(weight.dtype)
+        share = bin_pixels(seen, binning)
+        whole = share == 1
+        kept = np.where(np.any(whole, axis=(1, 2), keepdims=True), whole, share > 0)
+        means = bin_pixels(target * seen, binning) / np.where(share > 0, share, 1)
+        binned = np.where(kept, bin_pixels(weight, binning), 0)
+        return Observation(*map(jnp.asarray, (means, bin_pixels(np.asarray(self.bias), binning), np.sqrt(binned))))
 
     @property
     def light_unit(self) -> float:
         """The power of two next to the root mean square of the target's light."""
         target, root = (np.asarray(part, np.float64) for part in (self.target, self.root_weight))
-        return nearest_power(np.sqrt(np.mean(target[:, root > 0] ** 2)))
+        return nearest_power(np.sqrt(np.mean(target[root > 0] ** 2)))
 
     @property
     def counts(self) -> Mask:
-        """The pixels with a weight."""
-        return np.asarray(self.root_weight) > 0
+        """The pixels with a weight in any channel."""
+        return np.any(np.asarray(self.root_weight) > 0, axis=0)
 
     @property
     def count(self) -> int:
-        """The number of the target's colours that count: three for each pixel with a weight."""
-        return 3 * int(np.sum(self.counts))
+        """The number of the target's numbers that count: three for each pixel with a weight in all channels."""
+        return int(np.sum(np.asarray(self.root_weight) > 0))
 
 
 def nearest_power(size: float) -> float:
@@ -83,8 +90,8 @@ def observe(target: object, weights: object, scene: Scene, settings: ResolvedSet
     Args:
         target: scene-linear RGB, top row first; NaN may stand where the weight is 0. A pixel of which `numpy.ma` masks
             a channel, here or in the weights, has the weight 0.
-        weights: weight of each pixel, "height width" or "3 height width" (the channels' mean is taken), 0 or more;
-            None is 1 everywhere.
+        weights: weight of each pixel, "height width", or of each of its channels, "3 height width"; 0 or more. None is
+            1 everywhere.
 
     Raises:
         PictureError: no numbers, another size than the render, NaN, infinity, a constant target, or weights that are
@@ -106,17 +113,16 @@ def observe(target: object, weights: object, scene: Scene, settings: ResolvedSet
     hidden = np.any(is_masked(target), axis=0)
     weight = _checked_weights(np.ones(hidden.shape) if weights is None else weights, hidden)
     counts = weight > 0
-    bad = int(np.sum(~np.isfinite(picture[:, counts])))
+    bad = int(np.sum(~np.isfinite(picture[counts])))
     if bad:
         raise PictureError(
             f"the target has {bad} values that are NaN or infinite; a fit needs finite ones, or a mask without them"
         )
-    picture = np.where(counts, picture, 0)
-    seen = picture[:, counts]
-    if np.all(seen == seen[:, :1]):
+    picture = np.where(counts.any(axis=0) & np.isfinite(picture), picture, 0)
+    if not any(np.ptp(channel[seen]) for channel, seen in zip(picture, counts, strict=True) if seen.any()):
         where = "" if counts.all() else ", as far as the mask shows it"
         raise PictureError(f"the target is one constant colour{where}; there is nothing in it to fit")
-    for sentence in _oddities(seen, scene):
+    for sentence in _oddities(picture, counts, scene):
         warnings.warn(sentence, PictureWarning, stacklevel=2)
 
     # All that follows computes in the scene's precision.
@@ -125,15 +131,15 @@ def observe(target: object, weights: object, scene: Scene, settings: ResolvedSet
     return Observation(target, jnp.zeros_like(target), jnp.asarray(np.sqrt(weight), dtype))
 
 
-def _oddities(colours: np.ndarray, scene: Scene) -> list[str]:
-    """Oddities of a target's colours, "3 pixels": a sentence for each oddity."""
-    found = []
+def _oddities(picture: Image, counts: Bool[np.ndarray, "3 height width"], scene: Scene) -> list[str]:
+    """Oddities of a target's colours: a sentence for each oddity."""
+    found, colours, whole = [], picture[counts], picture[:, counts.all(axis=0)]
     most = float(np.max(colours))
     # White is not 1 where most colours are beyond twice that, or all are whole numbers. Colours beyond 16 bits are in a
     # scene's own unit of light.
     if 2.0 < most <= 65535 and (np.median(colours) > 2.0 or np.all(colours == np.round(colours))):
         found.append(f"the target's colours go up to {most:.4g}, where white is 1: divide what was stored as 0 to 255.")
-    if not is_gray(scene) and np.all(colours == colours[:1]):
+    if not is_gray(scene) and whole.size and np.all(whole == whole[:1]):
         found.append("the target is gray, and the scene has colours: each channel is compared with the same numbers.")
     return found
 
@@ -145,18 +151,18 @@ def _numbers(values: object, name: str) -> np.ndarray:
         raise PictureError(f"the {name} {reason}") from None
 
 
-def _checked_weights(weights: object, hidden: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
-    """The weights of all pixels, 0 for those that are hidden and for those of which a weight is masked."""
-    weight, masked = _numbers(weights, "mask"), is_masked(weights)
-    if weight.ndim == 3:
-        weight, masked = weight.mean(axis=0), masked.any(axis=0)
-    if weight.shape != hidden.shape:
-        size, wanted = (" x ".join(map(str, shape[::-1])) for shape in (weight.shape, hidden.shape))
-        raise PictureError(f"the mask is {size} pixels, the target {wanted}")
-    weight = np.where(hidden | masked, 0.0, weight)
+def _checked_weights(weights: object, hidden: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "3 height width"]:
+    """The weights of all pixels' channels, 0 for pixels that are hidden or of which a weight is masked."""
+    weight, (height, width) = _numbers(weights, "mask"), hidden.shape
+    if weight.ndim != 2 and (weight.ndim != 3 or weight.shape[0] != 3):
+        raise PictureError(f"the mask has shape {weight.shape}; wanted ({height}, {width}) or (3, {height}, {width})")
+    if weight.shape[-2:] != hidden.shape:
+        raise PictureError(f"the mask is {weight.shape[-1]} x {weight.shape[-2]} pixels, the target {width} x {height}")
+    masked = is_masked(weights)
+    weight = np.where(hidden | (masked.any(axis=0) if masked.ndim == 3 else masked), 0.0, weight)
     bad = int(np.sum(~(np.isfinite(weight) & (weight >= 0))))
     if bad:
         raise PictureError(f"the mask has {bad} values that are negative, NaN or infinite; weights are 0 or more")
     if not np.any(weight > 0):
         raise PictureError("the mask is 0 everywhere; there is nothing left to fit")
-    return weight
+    return np.broadcast_to(weight, (3, height, width))

@@ -133,7 +133,7 @@ class Problem:
 
     def raster(self, binning: int = 1) -> Raster:
         """The target's own pixels, or larger ones."""
-        return Raster(self.scene, self.binned(binning).root_weight.shape, self.base, binning)
+        return Raster(self.scene, self.binned(binning).target.shape[1:], self.base, binning)
 
     def array(self, values: ArrayLike | Sequence[float]) -> Array:
         """Unknowns, values, or pictures in the fit's dtype, as an argument of its programs.

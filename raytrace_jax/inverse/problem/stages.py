@@ -6,7 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.unknowns import Covariance, Image, Mask
+from raytrace_jax.inverse.problem.unknowns import Covariance, Image
+
+Matters = Bool[np.ndarray, "3 height width"]
 
 
 class Scores(NamedTuple):
@@ -16,7 +18,7 @@ class Scores(NamedTuple):
         jacobian: derivative of each weighted residual along each direction.
         weight, score: `rho' / r` and `rho'` of the loss at each residual `r`.
         scatter: sum over pixels of the outer product of their scores, `sum_p (J_p^T rho'_p)(J_p^T rho'_p)^T`.
-        matters: the pixels that count and depend on a free parameter.
+        matters: the numbers that count, of the pixels that depend on a free parameter.
         picture: what is compared with the target, with its bias.
         unseen: variance of the noise that was stated and that the residuals do not show.
     """
@@ -25,7 +27,7 @@ class Scores(NamedTuple):
     weight: Image
     score: Image
     scatter: Float[np.ndarray, "directions directions"]
-    matters: Mask
+    matters: Matters
     picture: Image
     observation: Observation
     unseen: float
@@ -67,7 +69,7 @@ class ObservationStage:
         return np.zeros(())
 
     def obscures(self, sigma: float) -> Bool[np.ndarray, "*shape"]:
-        """The pixels in which the stage makes an unknown part of noise with this standard deviation."""
+        """The numbers in which the stage makes an unknown part of noise with this standard deviation."""
         return np.zeros((), bool)
 
     def jump(self, observation: Observation) -> float:

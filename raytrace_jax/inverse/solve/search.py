@@ -71,7 +71,7 @@ def choose_levels(problem: Problem, options: FitOptions) -> Levels:
 
 def binning_to(problem: Problem, pixels: int) -> int:
     """The binning that leaves about so many pixels."""
-    return max(1, round(float(np.sqrt(problem.observation.root_weight.size / pixels))))
+    return max(1, round(float(np.sqrt(problem.observation.target[0].size / pixels))))
 
 
 def descend(

@@ -33,9 +33,10 @@ class ResidualMap(NamedTuple):
 
 def residual_of(result: FitResult, image: np.ndarray) -> ResidualMap:
     """The signed residual of a fit's picture, with a scale that a few bright pixels at edges do not spoil."""
-    difference = 255 * (image - result.pictures.target)
+    pictures = result.pictures
+    difference = np.where(pictures.weights > 0, 255 * (image - pictures.target), 0)
     worst = np.argmax(np.abs(difference), axis=0)[None]
-    picture = np.ma.masked_where(result.pictures.weights == 0, np.take_along_axis(difference, worst, axis=0)[0])
+    picture = np.ma.masked_where(~pictures.counts, np.take_along_axis(difference, worst, axis=0)[0])
     sizes = np.abs(picture.compressed())
     if not sizes.size:
         return ResidualMap(picture, 1.0, False)

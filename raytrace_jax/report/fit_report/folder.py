@@ -15,7 +15,8 @@ from raytrace_jax.report.fit_report.methods import methods_text
 from raytrace_jax.report.fit_report.page import render_page
 from raytrace_jax.report.fit_report.summary import csv_table, summarize, tex_table
 from raytrace_jax.scene.writer import save_scene
-from raytrace_jax.util.files import atomic_write, json_text, read_bytes, write_text
+from raytrace_jax.util.checked import refuse_other
+from raytrace_jax.util.files import as_path, atomic_write, json_text, read_bytes, write_text
 
 TEXTS = {"estimates.csv": csv_table, "estimates.tex": tex_table, "methods.txt": methods_text}
 REST = (FILE, "fit.exr", "residual.exr", *TEXTS, "report.png", "report.pdf", "report.html")
@@ -50,7 +51,8 @@ def write_numbers(result: FitResult, folder: str | os.PathLike[str], comments: s
 
     `comments` is the text of a scene's file whose comments are kept.
     """
-    folder = Path(folder)
+    refuse_other(result, FitResult, "fit")
+    folder = as_path(folder)
     for name in REST:
         with contextlib.suppress(OSError):  # One that cannot be removed cannot be replaced, which is told then.
             (folder / name).unlink()

@@ -75,8 +75,8 @@ def level_labels(history: Sequence[FitStep]) -> dict[int, str]:
 def facts(result: FitResult) -> dict[str, tuple[str, str]]:
     """Number and remark of each number that judges the whole fit, by its label."""
     pictures, sure, steps, samples = result.pictures, result.uncertainty, result.history.steps, result.target_samples
-    height, width = pictures.weights.shape
-    few, counted, left_out = pictures.residual_pixels, int(np.count_nonzero(pictures.weights)), pictures.left_out
+    height, width = pictures.counts.shape
+    few, counted, left_out = pictures.residual_pixels, int(np.count_nonzero(pictures.counts)), pictures.left_out
     holding = f"nine tenths of its square in {few:,} of {counted:,} pixels, " if few else ""
     origin = "given" if sure.sigma_given else "estimated from the residual"
     apart = f"by the median; {left_out:,} pixel{'s' * (left_out > 1)} at edges and the like left out"
@@ -151,7 +151,7 @@ def provenance_of(result: FitResult) -> dict[str, Any]:
 
     The stages are up to the first step, each level, and judging, after the last step, if it was timed.
     """
-    labels, (height, width) = level_labels(result.history.steps), result.pictures.weights.shape
+    labels, (height, width) = level_labels(result.history.steps), result.pictures.counts.shape
     stages, before = {}, 0.0
     for step in sorted(result.history.steps, key=lambda step: step.seconds):
         stage = labels[step.level] if stages else "up to the first step"
