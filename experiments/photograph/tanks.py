@@ -2,7 +2,8 @@
 
     python experiments/photograph/tanks.py FOLDER [NUMBER ...]
 
-Needs the program `povray` (Debian package `povray`) and the extra `photo`. A tank is drawn by its number. FOLDER gets
+Needs the program `povray` (Debian package `povray`) and the extra `photo`. A tank is drawn by its number; those from 11
+to 20 have thin walls or none, and are seen through a wide lens that bends. FOLDER gets
 `tank_N.jpg`, its board `tank_board_N.txt`, the truth, `tank_N.json`, and for a calibration tilted pictures of a board
 by the same camera, `tank_camera_C_K.jpg`, of which `tank_camera_C.txt` names the board; what is there is not made
 again. Nothing of it is the package's but the board's pattern. At the end the corners of squares are looked for in the
@@ -21,7 +22,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from povray import PAPERS, SIZE, any_camera, camera, made, pattern_size, pixels, printed, rendered, v
-from rooms import CAMERAS, WHITE, Chain, calibrate, photograph
+from rooms import CAMERAS, Chain, calibrate, take
 
 PAPER = "a4"
 """Markers of an A3 board would have less than twenty pixels."""
@@ -29,9 +30,13 @@ PAPER = "a4"
 VIEWS = CAMERAS[::2]
 """Full horizontal angles of view of the cameras, in degrees; number modulo their count is a photograph's camera."""
 
-WITHOUT_WALLS = (3, 6, 9)
+WIDE = range(11, 21)
+WIDE_VIEW, WIDE_LENS = 52.0, [-0.085, 0.0, 0.005, -0.003]
+"""Tanks before a wide lens, and that lens: its angle of view; k1, k2 and the principal point in widths of the picture."""
+
+WITHOUT_WALLS = (3, 6, 9, *WIDE[::2])
 TOUCHING = 5
-"""Numbers modulo ten. A tank that touches the board and is parallel to it tells index and thickness only together."""
+"""A tank that touches the board and is parallel to it tells index and thickness only together."""
 
 COVERED = (0.35, 0.6)
 """Share of the paper before which the tank is seen; at least two thirds of it behind both front and back."""
@@ -55,7 +60,7 @@ def once(number: int, random: np.random.Generator) -> dict:
     """One try of a tank and its camera."""
     uniform = random.uniform
     width, height = 10 * np.array(PAPERS[PAPER])
-    touches, walled = number % 10 == TOUCHING, number % 10 not in WITHOUT_WALLS
+    touches, walled, wide = number == TOUCHING, number not in WITHOUT_WALLS, number in WIDE
     tilt, turn = 0.0 if touches else np.radians(uniform(0, 8)), uniform(0, 2 * np.pi)
     normal = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
     right = np.cross([0, 1, 0], normal)
@@ -65,7 +70,7 @@ def once(number: int, random: np.random.Generator) -> dict:
     gap, thickness = 0.01 if touches else uniform(1, 40), uniform(40, 120)
     # The corner of the back that comes nearest to the board is as far from it as the gap.
     back = np.array([uniform(-0.4, 0.4) * width, uniform(-0.15, 0.15) * height, gap + half @ np.abs(axes[:, 2])])
-    taken_with = number % len(VIEWS)
+    taken_with = len(VIEWS) if wide else number % len(VIEWS)
     aside, rise = np.radians(uniform(0, 30)), np.radians(uniform(0, 60))
     toward = np.sin(aside) * np.array([random.choice([-1, 1]) * np.cos(rise), np.sin(rise), 1 / np.tan(aside)])
     lookat = np.array([uniform(-0.03, 0.03) * width, uniform(-0.03, 0.03) * height, 0.0])
@@ -73,7 +78,7 @@ def once(number: int, random: np.random.Generator) -> dict:
         "number": number,
         "ior": round(float(uniform(1.3, 1.6)), 4),
         "thickness": float(thickness),
-        "wall": float(uniform(2, 5)) if walled else 0.0,
+        "wall": float(uniform(*((0.5, 2) if wide else (2, 5)))) if walled else 0.0,
         "wall_ior": float(random.choice([1.49, 1.52])) if walled else None,
         "normal": normal.tolist(),
         "point": (back + thickness * normal).tolist(),
@@ -83,8 +88,8 @@ def once(number: int, random: np.random.Generator) -> dict:
         "lookat": lookat.tolist(),
         "roll": float(uniform(-3, 3)),
         "camera": taken_with,
-        "lens": [0.0, 0.0, 0.0, 0.0],
-        "fov": VIEWS[taken_with],
+        "lens": WIDE_LENS if wide else [0.0, 0.0, 0.0, 0.0],
+        "fov": WIDE_VIEW if wide else VIEWS[taken_with],
         "paper": PAPER,
         "print_scale": (scale := float(1 + random.normal() * 1e-3)),
         "ruler": 100 * scale,
@@ -160,10 +165,9 @@ def make(number: int, folder: Path) -> None:
     chain = Chain(**{**truth["chain"], "gains": tuple(truth["chain"]["gains"])})
     path = folder / f"tank_{number}.jpg"
     if not path.exists():
-        light = rendered(scene(truth, board), SIZE)
-        photograph(WHITE / np.percentile(light, 98) * light, chain, path)
+        take(scene(truth, board), truth, chain, path)
         path.with_suffix(".json").write_text(json.dumps(truth, indent=1))
-    first = truth["camera"] or len(VIEWS)
+    first = WIDE[0] if number in WIDE else truth["camera"] or len(VIEWS)
     board = made(folder / f"tank_board_{first}.pdf", PAPER)
     calibrate(drawn(first), board, chain, folder / f"tank_camera_{truth['camera']}")
 
@@ -187,6 +191,16 @@ def seen(truth: dict, points) -> tuple[np.ndarray, np.ndarray]:
     return pixels(truth, eye + slope - normal), inside
 
 
+def bent(truth: dict, places: np.ndarray) -> np.ndarray:
+    """Where the lens of a truth shows what a pinhole camera sees in these pixels, "n 2"."""
+    k1, k2, *offset = truth["lens"]
+    focal = SIZE[0] / (2 * np.tan(np.radians(truth["fov"]) / 2))
+    straight = (places - (np.array(SIZE) - 1) / 2) / focal
+    squared = np.sum(straight**2, axis=-1, keepdims=True)
+    middle = (np.array(SIZE) - 1) / 2 + np.array(offset) * SIZE[0]
+    return straight * (1 + k1 * squared + k2 * squared**2) * focal + middle
+
+
 def check(number: int, folder: Path) -> str:
     """How far from their places by the truth the corners of squares are found, in pixels."""
     truth = json.loads((folder / f"tank_{number}.json").read_text())
@@ -197,6 +211,7 @@ def check(number: int, folder: Path) -> str:
     points = truth["print_scale"] * np.stack([x, y, 0 * x], -1).reshape(-1, 3)
     words, (through, inside) = [f"tank {number}"], seen(truth, points)
     for name, places in (("through", through[inside]), ("beside", pixels(truth, points)[~hidden(truth, points)[0]])):
+        places = bent(truth, places)
         found = cv2.cornerSubPix(image, places[:, None].astype(np.float32), (5, 5), (-1, -1), (3, 50, 1e-3))[:, 0]
         off = np.linalg.norm(found - places, axis=-1)
         words.append(f"{name} {len(places)} corners, median {np.median(off):.3f}, 90 % {np.percentile(off, 90):.3f}")
