@@ -38,6 +38,7 @@ CONSOLE = re.compile(r"^```()\n\$ (.*?\n)(.*?)^```$", re.MULTILINE | re.DOTALL)
 INSTALL = re.compile(r"\bvenv \.venv|\bpip install\b|-m pytest\b")
 PHOTOGRAPH = re.compile(r"\S+\.jpg\b")
 NUMBER = re.compile(r"(?<![\w.)])[-+]?\d+\.?\d*(?:e[-+]?\d+)?|\d+\.?\d*")
+ESTIMATE = re.compile(r"(-?\d+\.?\d*)\((\d+\.?\d*)\)")
 END = "\x1e"
 """A line of it ends the output of a block of Python."""
 
@@ -89,7 +90,7 @@ def run_python(codes: list[str], folder: Path) -> Iterator[Ran]:
     ):
         for _ in codes:
             lines = []
-            for line in session.stdout:
+            for line in session.stdout or ():
                 if line == f"{END}\n":
                     yield Ran("".join(lines))
                     break
@@ -119,8 +120,8 @@ def run_commands(text: str, folder: Path) -> Ran:
 def same(shown: str, printed: str) -> bool:
     """Whether a page shows what was printed, but for where lines break and what differs from machine to machine.
 
-    Numbers with decimals agree within two of their last digit or a millionth, as do errors in parentheses within two.
-    Whole numbers and all other words are the same.
+    An estimate as 1.5200(13) and its error may differ by a fifth of the error: where a solver comes to rest depends on
+    rounding. Other numbers with decimals agree within two of their last digit or a millionth, whole ones are the same.
     """
     ours, theirs = shown.split(), printed.split()
     return len(ours) == len(theirs) and all(map(same_word, ours, theirs))
@@ -128,21 +129,32 @@ def same(shown: str, printed: str) -> bool:
 
 def same_word(shown: str, printed: str) -> bool:
     """Whether two words are the same but for rounding."""
-    if shown == printed:
-        return True
-    if NUMBER.sub("0", shown) != NUMBER.sub("0", printed):
+    pattern = ESTIMATE if ESTIMATE.search(shown) else NUMBER
+    if pattern.sub("", shown) != pattern.sub("", printed):
         return False
-    found = zip(NUMBER.finditer(shown), NUMBER.finditer(printed), strict=True)
-    return all(abs(float(a[0]) - float(b[0])) <= leeway(shown, a) for a, b in found)
+    pairs = zip(pattern.finditer(shown), pattern.finditer(printed), strict=True)
+    return all(abs(x - y) <= d for a, b in pairs for x, y, d in zip(numbers(a), numbers(b), leeways(a), strict=True))
 
 
-def leeway(word: str, number: re.Match[str]) -> float:
-    """By how much a number of a word may differ."""
-    mantissa, _, exponent = number[0].partition("e")
-    decimals = len(mantissa.partition(".")[2])
-    if "." not in mantissa and not exponent and word[: number.start()][-1:] != "(":
-        return 0.0
-    return max(1e-6 * abs(float(number[0])), 2.001 * 10.0 ** (int(exponent or 0) - decimals))
+def numbers(match: re.Match[str]) -> list[float]:
+    """The number that was found, or an estimate and its error."""
+    if match.re is NUMBER:
+        return [float(match[0])]
+    return [float(match[1]), float(match[2]) * (1.0 if "." in match[2] else last_digit(match[1]))]
+
+
+def leeways(match: re.Match[str]) -> list[float]:
+    """By how much each of these numbers may differ."""
+    if match.re is NUMBER:
+        exact = match[0].lstrip("+-").isdigit()
+        return [0.0 if exact else max(1e-6 * abs(float(match[0])), 2.001 * last_digit(match[0]))]
+    return 2 * [numbers(match)[1] / 5]
+
+
+def last_digit(number: str) -> float:
+    """What one in the last digit of a number is."""
+    mantissa, _, exponent = number.partition("e")
+    return 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
 
 
 def check(page: str, write: bool) -> bool:
@@ -162,8 +174,8 @@ def check(page: str, write: bool) -> bool:
                 print(textwrap.indent(ran.error, "    "))
             elif not agrees:
                 changes.append((part.place, wrapped(ran.printed)))
-                lines = difflib.ndiff(part.shown.splitlines(), wrapped(ran.printed).splitlines())
-                print(textwrap.indent("\n".join(lines), "    "), flush=True)
+                words = difflib.ndiff((part.shown or "").split(), ran.printed.split())
+                print("".join(f"    {word}\n" for word in words if word[0] in "-+"), end="", flush=True)
     if write:
         for (begin, end), printed in reversed(changes):
             text = text[:begin] + printed + text[end:]

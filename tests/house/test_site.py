@@ -71,9 +71,9 @@ def test_blocks_are_found_with_their_output():
     [
         ("ball.ior 1.5 1.519958(67)\nconverged: at rest, -0.00007(31)", True),
         ("ball.ior 1.5 1.519958(67) converged: at\nrest, -0.00007(31)\n", True),
-        ("ball.ior 1.5 1.519957(68)\nconverged: at rest, -0.00007(31)", True),
-        ("ball.ior 1.5 1.519953(67)\nconverged: at rest, -0.00007(31)", False),
-        ("ball.ior 1.5 1.519958(71)\nconverged: at rest, -0.00007(31)", False),
+        ("ball.ior 1.5 1.519950(73)\nconverged: at rest, -0.00007(31)", True),
+        ("ball.ior 1.5 1.519940(67)\nconverged: at rest, -0.00007(31)", False),
+        ("ball.ior 1.5 1.519958(84)\nconverged: at rest, -0.00007(31)", False),
         ("ball.ior 1.5 1.519958(67)\nconverged: at rest, 0.00007(31)", False),
         ("ball.ior 1.5 1.519958(67)\nambiguous: at rest, -0.00007(31)", False),
         ("ball.ior 1.5 1.519958(67)\nconverged: at rest", False),
