@@ -58,8 +58,8 @@ class Known(NamedTuple):
 
 
 Measured = Mapping[str, tuple[float, float]]
-"""What was measured of a ball (`radius`, `liquid`, `depth`) or of a tank (`thickness`, `wall`, `wall_ior`), with
-standard deviations."""
+"""What was measured of a ball (`radius`, `liquid`, `depth`) or of a tank (`thickness`, `wall`, `wall_ior`, and for both
+numbers of its `wedge` one), with standard deviations."""
 
 
 def known_before(lens: LensPrior, measured: Measured = MappingProxyType({})) -> Known:
@@ -85,9 +85,10 @@ def known_before(lens: LensPrior, measured: Measured = MappingProxyType({})) -> 
         tilt=np.full(2, 0.02 * ("thickness" in measured)),
     )
     for name, (value, error) in measured.items():
-        mean[getattr(AT, name)], scale = value, scale._replace(**{name: error})
+        at = getattr(AT, name)
+        mean[at], scale = value, scale._replace(**{name: np.full(np.shape(at), error)})
         if error > 0:
-            rows.append(np.eye(COUNT)[getattr(AT, name)] / error)
+            rows += list(np.eye(COUNT)[np.atleast_1d(at)] / error)
     return Known(mean, np.reshape(rows, (-1, COUNT)), scale.vector)
 
 

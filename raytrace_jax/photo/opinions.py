@@ -20,7 +20,7 @@ NAMES = (
     *("turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z"),
     *("fov", "k1", "k2", "principal_point.x", "principal_point.y"),
     *("index", "center.x", "center.y", "center.z", "radius", "tilt.x", "tilt.y", "thickness", "wall", "wall_index"),
-    *("liquid", "depth"),
+    *("liquid", "depth", "wedge.x", "wedge.y"),
 )
 """The words for the numbers of a set-up, as it is raveled."""
 
@@ -171,6 +171,7 @@ def budget(adjusted: Adjusted) -> Budget:
     variance = covariance[AT.ior, AT.ior]
     setup, groups = Setup.of(adjusted.joint[:COUNT]), {"lens": AT.lens}
     groups |= {"radius and ruler": [AT.radius]} if setup.radius > 0 else {"thickness and ruler": [AT.thickness]}
+    groups |= {"wedge": AT.wedge} if root[:, AT.wedge].any() else {}
     groups |= {"walls": AT.walls} if setup.wall > 0 else {}
     groups |= {"liquid": [AT.liquid]} if setup.depth > 0 else {}
 

@@ -24,8 +24,9 @@ MEASURED = {"thickness": (60.0, 0.03), "wall": (3.0, 0.02), "wall_ior": (1.49, 0
 INDEX, TILT = 1.36, (0.05, -0.03)
 
 
-def tank(ior=INDEX, tilt=TILT, thickness=60.0, wall=3.0, wall_ior=1.49):
-    numbers = np.array([*POSE, FOV, 0, 0, 0, 0, ior, 0, 0, 0, 0, *tilt, thickness, wall, wall_ior, 1, 0])
+def tank(ior=INDEX, tilt=TILT, thickness=60.0, wall=3.0, wall_ior=1.49, wedge=(0.0, 0.0), center=(0.0, 0.0, 0.0)):
+    numbers = [*POSE, FOV, 0, 0, 0, 0, ior, *center, 0, *tilt, thickness, wall, wall_ior, 1, 0, *wedge]
+    numbers = np.array(numbers, float)
     return Setup.of(numbers)
 
 
@@ -33,6 +34,25 @@ def refracted(d, normal, ratio):
     """Snell's law in vectors; `ratio` is the index before over that behind, and the normal towards the ray."""
     cosine = -d @ normal
     return ratio * d + (ratio * cosine - np.sqrt(1 - ratio**2 * (1 - cosine**2))) * normal
+
+
+@pytest.mark.parametrize("wall", [0.0, 4.0])
+def test_rays_obey_snell_in_a_wedge(wall):
+    """Face by face, where both faces of a wall are parallel, and the back is turned by .3 degrees."""
+    wedge, center = np.radians([0.3, -0.1]), np.array([5.0, 8.0, 40.0])
+    setup, pixels = tank(wall=wall, wedge=wedge, center=center), np.random.default_rng(3).uniform(0, 1, (20, 2)) * SIZE
+    origins, directions = geometry.pixel_rays(Setup.of(jnp.asarray(setup.vector)), SIZE, jnp.asarray(pixels))
+    front, back = (np.append(by, 1.0) / np.linalg.norm([*by, 1.0]) for by in (TILT, TILT + wedge))
+    faces = [(60, front, 1 / 1.49), (60 - wall, front, 1.49 / INDEX), (wall, back, INDEX / 1.49), (0, back, 1.49)]
+    places = []
+    for o, d in zip(np.asarray(origins).T, np.asarray(directions).T, strict=True):
+        for height, normal, ratio in faces:
+            o = o + d * ((center + height * normal - o) @ normal) / (d @ normal)
+            d = refracted(d, normal, ratio)
+        places.append((o - d * o[2] / d[2])[:2])
+    seen = Sight(setup, SIZE).through(pixels)
+    assert seen.valid.all()
+    np.testing.assert_allclose(seen.place, places, atol=1e-9)
 
 
 @pytest.mark.parametrize("wall", [0.0, 4.0])
@@ -173,6 +193,28 @@ def test_thickness_and_index_are_told_together():
         return adjust([view], known).views[0].ior[1]
 
     assert error(30.0) > 20 * error(0.03)
+
+
+def test_a_wedge_is_found_beside_the_index():
+    """Of .3 degrees, in corners of a tank that stands 40 mm before the board: it is taken to stand at it."""
+    places = np.stack(np.meshgrid(np.arange(-60, 61, 8.0), np.arange(-45, 46, 8.0)), -1).reshape(-1, 2)
+    setup, noise = tank(wedge=np.radians([0.3, 0.1]), center=(0.0, 0.0, 40.0)), np.random.default_rng(5)
+    sight = Sight(setup, SIZE)
+    pixels, _, seen = sight.where_through(places, np.array([90.0, 70.0]))
+    groups = [
+        Corners(where + 0.02 * noise.normal(size=where.shape), places, np.full(len(places), 0.02))
+        for where in (sight.where(places), pixels)
+    ]
+    assert seen.all()
+    start = PhotoView(tank(), SIZE, *groups)
+    stiff = adjust([start], known_before(LENS, MEASURED)).views[0]
+    known = known_before(LENS, MEASURED | {"wedge": (0.0, np.radians(0.2))})
+    found = (adjusted := adjust([start], known)).views[0]
+    index, error = found.ior
+    print(stiff.ior, stiff.sigma, found.ior, found.sigma, found.setup.wedge, found.errors.wedge, found.setup.tilt)
+    print(budget(adjusted).parts)
+    assert abs(index - INDEX) < 3 * error and error < 2e-3
+    assert "wedge" in budget(adjusted).parts
 
 
 def test_rays_obey_snell_in_a_liquid():

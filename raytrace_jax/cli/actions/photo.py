@@ -151,6 +151,7 @@ def run_photo(command: Photo) -> int:
 def _in_words(otherwise: Sequence[Contradiction], several: bool, folder: Path) -> str:
     """What the photographs contradict, and what to do."""
     sizes = {"radius": "ball", "thickness": "tank", "wall": "walls", "wall_index": "walls", "liquid": "liquid"}
+    sizes |= {"wedge.x": "tank", "wedge.y": "tank"}
     ways = list(dict.fromkeys(f"measure {sizes[one.name]} and ruler again" for one in otherwise if one.name in sizes))
     ways += ["calibrate with this zoom and focus, and cut no picture"] * any(one.name not in sizes for one in otherwise)
     sheet = folder / ("located*.png" if several else "located.png")
