@@ -32,6 +32,7 @@ from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, jo
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.photograph import Photograph
 from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene
+from raytrace_jax.photo.turned import turned_alike
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
 from raytrace_jax.scene.parameters import scalar_names
@@ -48,7 +49,8 @@ def run_calibrate(command: Calibrate) -> int:
     console = stderr_console(quiet=command.quiet)
     with jax_session(64), Timer("calibrating", console) as timer:
         board = read_board(command.board)
-        photographs = [photograph for _, photograph in photographs_in(command.photos, command.transfer, board)]
+        taken = [photograph for _, photograph in photographs_in(command.photos, command.transfer, board)]
+        photographs = turned_alike(taken, board)
         found = calibrate(photographs, board)
         timer.took("calibrating")
     comment = f"A lens by raytrace-jax calibrate, from {len(photographs)} pictures of {command.board.name}."
@@ -97,7 +99,10 @@ def run_photo(command: Photo) -> int:
                         "light that the file can hold. The index may be off by more than its error: let paper have "
                         "half."
                     )
-            together = _locate(command, [photograph for _, photograph in pictures], board, measured, lens)
+            taken = [photograph for _, photograph in pictures]
+            together = _locate(
+                command, turned_alike(taken, board, is_tank="thickness" in measured), board, measured, lens
+            )
             ends = _ends(command.photos)
             for k, refusal in (together.refused | together.bare).items():
                 with atomic_write(folder / f"located{ends[k]}.png") as temporary:

@@ -13,7 +13,7 @@ from raytrace_jax.cli.options.fits import Photo
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import camera_of, orientation_of
-from raytrace_jax.images.pictures import read_picture, transfer_of_camera
+from raytrace_jax.images.pictures import read_whole_picture, transfer_of_camera
 from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.bundle import Measured
 from raytrace_jax.photo.markers import is_mirrored
@@ -134,7 +134,7 @@ def photographs_in(
                 f"{path} does not say how its colours were stored: read with --transfer {taken}, {usual}"
                 f"{', and so are others like it' if len(paths) > 1 else ''}; --transfer decides."
             )
-        image = read_picture(path, transfer=taken)
+        image = read_whole_picture(path, transfer=taken)
         photograph = photograph_of(image, str(path), orientation_of(path))
         if is_mirrored(photograph.grey, board):
             print_warning(f"{path} is mirrored, as a front camera may save it: it was mirrored back.")
