@@ -89,6 +89,11 @@ def known_before(lens: LensPrior, measured: Measured = MappingProxyType({})) -> 
         mean[at], scale = value, scale._replace(**{name: np.full(np.shape(at), error)})
         if error > 0:
             rows += list(np.eye(COUNT)[np.atleast_1d(at)] / error)
+    if measured.get("wedge", (0.0, 0.0))[1] > 0:
+        # Behind a wedge it matters where the tank stands: about as far before the board as it is thick, or at it.
+        height, about = AT.center[2], measured["thickness"][0]
+        mean[height], scale.center[2] = about, about
+        rows.append(np.eye(COUNT)[height] / about)
     return Known(mean, np.reshape(rows, (-1, COUNT)), scale.vector)
 
 
@@ -200,8 +205,14 @@ class _System:
         scale = np.concatenate([scales[0].vector, *(one.own for one in scales[1:])])
         self.free = np.flatnonzero(scale > 0)
         self.scale = scale[self.free]
-        more = (0, len(self.start) - COUNT)
-        self.known = Known(np.pad(known.mean, more), np.pad(known.root, ((0, 0), more)), scale)
+        # What is known of a view's own numbers is known of those of each.
+        more, alike = (0, len(self.start) - COUNT), known.root[:, AT.own]
+        mean, root = np.pad(known.mean, more), [np.pad(known.root, ((0, 0), more))]
+        for k in range(len(others)):
+            places = COUNT + k * len(AT.own) + np.arange(len(AT.own))
+            mean[places] = known.mean[AT.own]
+            root.append(alike[alike[:, scale[places] > 0].any(axis=1)] @ np.eye(len(self.start))[places])
+        self.known = Known(mean, np.concatenate(root), scale)
         self._padded = [(padded(view.direct), padded(view.through)) for view in views]
         self.factors: list[np.ndarray] = []  # Of each corner's misses in the residual.
         self._kept: tuple[bytes | None, list] = (None, [])

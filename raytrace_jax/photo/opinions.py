@@ -27,7 +27,11 @@ NAMES = (
 
 def shown(setup: Setup) -> list[int]:
     """Where the numbers of what is looked through, of the ball or of the tank, lie in the raveled set-up."""
-    through = AT.ball if setup.radius > 0 else AT.tank if setup.wall > 0 else np.setdiff1d(AT.tank, AT.walls)
+    through = AT.ball if setup.radius > 0 else AT.tank
+    if setup.wall == 0:
+        through = np.setdiff1d(through, AT.walls)
+    if not np.any(setup.wedge):
+        through = np.setdiff1d(through, AT.wedge)
     return [*through, *([AT.liquid, AT.depth] if setup.depth > 0 else [])]
 
 
@@ -124,8 +128,8 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
 def contradictions(adjusted: Adjusted) -> tuple[Contradiction, ...]:
     """What was known before of the lens, and measured of ball or tank, and comes out otherwise."""
     mean, root, _ = adjusted.known
-    # How high a liquid's surface is nobody has stated.
-    known = np.setdiff1d(np.flatnonzero(root.any(axis=0)), AT.depth)
+    # How high a liquid's surface is, and where a tank stands, nobody has stated.
+    known = np.setdiff1d(np.flatnonzero(root[:, :COUNT].any(axis=0)), [AT.depth, *AT.center])
     before = np.sqrt(np.diagonal(np.linalg.inv(root[:, known].T @ root[:, known])))
     after = np.sqrt(np.diagonal(adjusted.covariance))
     return contradicted(

@@ -13,7 +13,7 @@ from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
 from raytrace_jax.photo.geometry import AT, COUNT, Setup
 from raytrace_jax.photo.lens import LensPrior, uncalibrated
 from raytrace_jax.photo.locate import locate, locate_together
-from raytrace_jax.photo.opinions import budget
+from raytrace_jax.photo.opinions import NAMES, budget, contradictions, shown
 from raytrace_jax.photo.photograph import Corners, photograph_of
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.tank import layers_of
@@ -195,23 +195,53 @@ def test_thickness_and_index_are_told_together():
     assert error(30.0) > 20 * error(0.03)
 
 
-def test_a_wedge_is_found_beside_the_index():
-    """Of .3 degrees, in corners of a tank that stands 40 mm before the board: it is taken to stand at it."""
+def seen_past(setup, seed):
+    """The tank as it is stated, with walls that are parallel, and corners as they are seen, through it and beside."""
     places = np.stack(np.meshgrid(np.arange(-60, 61, 8.0), np.arange(-45, 46, 8.0)), -1).reshape(-1, 2)
-    setup, noise = tank(wedge=np.radians([0.3, 0.1]), center=(0.0, 0.0, 40.0)), np.random.default_rng(5)
-    sight = Sight(setup, SIZE)
+    noise, sight = np.random.default_rng(seed), Sight(setup, SIZE)
     pixels, _, seen = sight.where_through(places, np.array([90.0, 70.0]))
+    assert seen.all()
     groups = [
         Corners(where + 0.02 * noise.normal(size=where.shape), places, np.full(len(places), 0.02))
         for where in (sight.where(places), pixels)
     ]
-    assert seen.all()
-    start = PhotoView(tank(), SIZE, *groups)
-    known = known_before(LENS, MEASURED | {"wedge": (0.0, np.radians(0.2))})
-    found = (adjusted := adjust([start], known)).views[0]
+    return PhotoView(setup._replace(ior=1.4, wedge=np.zeros(2), center=np.array([0.0, 0.0, 60.0])), SIZE, *groups)
+
+
+KNOWN = known_before(LENS, MEASURED | {"wedge": (0.0, np.radians(0.2))})
+
+
+@pytest.mark.parametrize("gap", [0.0, 40.0, 150.0])
+def test_a_wedge_is_found_beside_the_index(gap):
+    """Of .3 degrees, wherever the tank stands: at the board, or twice its thickness before it."""
+    wedge = np.radians([-0.2, 0.25])
+    found = (adjusted := adjust([seen_past(tank(wedge=wedge, center=(0.0, 0.0, gap)), 5)], KNOWN)).views[0]
     index, error = found.ior
     assert abs(index - INDEX) < min(3 * error, 1e-3)
-    assert "wedge" in budget(adjusted).parts
+    assert np.all(np.abs(found.setup.wedge - wedge) < 4 * found.errors.wedge)
+    assert "wedge" in budget(adjusted).parts and not contradictions(adjusted)
+    assert {"wedge.x", "wedge.y"} <= {NAMES[k] for k in shown(found.setup)}
+
+
+def test_photographs_share_one_wedge():
+    """Of a tank that stands elsewhere in each; and one in which no tank is seen tells nothing of where it stands."""
+    wedge, poses = np.radians([0.1, -0.3]), ([*POSE], [np.pi + 0.1, -0.25, 0.2, 0.0, 3.0, 280.0])
+    setups = [
+        tank(wedge=wedge, center=(0.0, 0.0, gap))._replace(rotation=np.array(pose[:3]), translation=np.array(pose[3:]))
+        for gap, pose in zip((10.0, 80.0), poses, strict=True)
+    ]
+    views = [seen_past(setup, seed) for seed, setup in enumerate(setups)]
+    bare = views[0]._replace(through=Corners.none())
+    adjusted = adjust([*views, bare], KNOWN)
+    first, second, _ = adjusted.views
+    np.testing.assert_array_equal(first.setup.wedge, second.setup.wedge)
+    assert np.all(np.abs(first.setup.wedge - wedge) < 4 * first.errors.wedge)
+    assert np.all(first.errors.wedge < adjust(views[:1], KNOWN).views[0].errors.wedge)
+    for seen, gap in ((first, 10), (second, 80)):
+        assert abs(seen.setup.center[2] - gap) < 4 * seen.errors.center[2]
+    index, error = first.ior
+    assert abs(index - INDEX) < min(3 * error, 1e-3)
+    assert not contradictions(adjusted)
 
 
 def test_rays_obey_snell_in_a_liquid():
