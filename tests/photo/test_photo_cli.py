@@ -59,6 +59,7 @@ BAD_INPUT = [
     (2, [*BALL, "--in", "1.333", "--fit"], ["--fit: is for a ball in air, and --in came"]),
     (2, [*PHOTO, "--tank", "60mm"], ["--wall: thickness and index", "write --wall 0mm for a tank without"]),
     (2, [*PHOTO, "--tank", "60mm", "--wall", "0+-0.1mm"], ["--wall: '0+-0.1mm' came, and a length greater than 0"]),
+    (2, [*BALL, "--wedge", "0+-0.1deg"], ["--wedge: is of a tank, and --tank is missing"]),
     (2, [*TANK, "--wedge", "1deg"], ["--wedge: '1deg' came, and a standard deviation below 10 degrees is wanted"]),
     (2, [*TANK, "--in", "1.333"], ["--in: is for a ball, and --tank came"]),
     (2, [*TANK, "--fit"], ["--fit: is for a ball, and --tank came"]),

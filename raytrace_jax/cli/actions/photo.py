@@ -31,7 +31,7 @@ from raytrace_jax.photo.locate import Located, Together, locate_together
 from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, joined, shown, told_together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.photograph import Photograph
-from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene
+from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene, wedge_comment
 from raytrace_jax.photo.turned import turned_alike
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
@@ -114,7 +114,8 @@ def run_photo(command: Photo) -> int:
             flats, dark = {}, {}
             for k, located in together.located.items():
                 if command.tank:
-                    save_scene(tank_scene(located), folder / f"scene{ends[k]}.txt", model="physical")
+                    file, comments = folder / f"scene{ends[k]}.txt", wedge_comment(located)
+                    save_scene(tank_scene(located), file, model="physical", comments=comments)
                     continue
                 try:
                     flats[k] = flatten(pictures[k][0], located)

@@ -23,13 +23,17 @@ from raytrace_jax.util.text import quoted, with_tolerance
 UNMEASURED = "100+-0.1 mm"
 """A ruler that nobody measured: printers are right to about a thousandth."""
 
+GLUED = "0+-0.2deg"
+"""How far the walls of a tank that was glued are out of parallel, where nobody says."""
+
 
 def measured_of(command: Photo) -> Measured:
     """What was measured of ball or tank, in the board's millimetres, with standard deviations. Raises UsageError."""
     if (command.radius is None) == (command.tank is None):
         raise UsageError("--radius of a ball or --tank, the thickness of a tank: one of the two is wanted.")
-    if command.wall and command.tank is None:
-        raise UsageError("--wall: is of a tank, and --tank is missing.")
+    for option, text in (("--wall", command.wall), ("--wedge", command.wedge)):
+        if text is not None and command.tank is None:
+            raise UsageError(f"{option}: is of a tank, and --tank is missing.")
     sizes = _sizes_of(command)
     if command.tank and command.wall is None:
         raise UsageError(
@@ -48,7 +52,7 @@ def measured_of(command: Photo) -> Measured:
             return {"radius": radius}
         # Where the surface is hardly matters, for the board lies in the liquid too: some radii above it.
         return {"radius": radius, "liquid": _index("--in", command.liquid), "depth": (5 * radius[0], 4 * radius[0])}
-    measured = {"thickness": there(sizes["--tank"]), "wedge": (0.0, _wedge(command.wedge))}
+    measured = {"thickness": there(sizes["--tank"]), "wedge": (0.0, _wedge(command.wedge or GLUED))}
     if sizes["--wall"][0]:
         _, _, ior = str(command.wall).partition(",")
         measured |= {"wall": there(sizes["--wall"]), "wall_ior": _index("--wall", ior)}
