@@ -4,8 +4,8 @@
 
 The lens is calibrated from FOLDER's pictures. Thickness, walls and ruler are stated as a caliper and a ruler tell them,
 to .02, .02 and .01 mm, and off by random draws of as much. By how much walls are out of parallel has a standard
-deviation before of .2 degrees; 0 takes them as parallel, in rows of its own. `tanks_read.json` in FOLDER gets each row at once, and a row
-that is in there is not made again; then the table is printed.
+deviation before of .2 degrees; 0 takes them as parallel, in rows of its own. `tanks_read.json` in FOLDER gets each row
+at once, and a row that is in there is not made again; then the table is printed.
 """
 
 import argparse
@@ -72,7 +72,8 @@ def run(number: int, folder: Path, wedge: float) -> dict:
     corners = [len(located.direct.pixels), len(located.through.pixels)]
     return {
         "truth": truth["ior"], "index": index, "error": error, "parts": budget(together.adjusted).parts,
-        "wedge": np.degrees(located.setup.wedge).tolist(), "gap": float(located.setup.center[2]), "corners": corners, "scatter": located.sigma, "seconds": time.monotonic() - begun,
+        "wedge": np.degrees(located.setup.wedge).tolist(), "gap": float(located.setup.center[2]),
+        "corners": corners, "scatter": located.sigma, "seconds": time.monotonic() - begun,
     }  # fmt: skip
 
 

@@ -201,7 +201,7 @@ def make(number: int, folder: Path) -> None:
 
 def seen(truth: dict, points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where points of the board are seen through front and back, "n 2", which of them are, and "4 n 3" on the faces."""
-    eye, normal, thickness, wall = np.array(truth["eye"]), np.array(truth["normal"]), truth["thickness"], truth["wall"]
+    eye, normal, wall = np.array(truth["eye"]), np.array(truth["normal"]), truth["wall"]
     (back, turned), front = back_of(truth), np.array(truth["point"])
     wall_ior = truth["wall_ior"] or truth["ior"]
     faces = (

@@ -44,6 +44,7 @@ def told(located: Located) -> dict[str, object]:
         "covariance": located.covariance.tolist(),
         "corners": {"direct": len(located.direct.pixels), "through": len(located.through.pixels)},
         "scatter": {"direct": located.sigma[0], "through": located.sigma[1]},
+        "shared": {"direct": located.shared[0], "through": located.shared[1]},
         "blur": located.blur,
         "size": list(located.size),
     }

@@ -12,11 +12,13 @@ from raytrace_jax.photo import geometry
 from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
 from raytrace_jax.photo.geometry import AT, COUNT, Setup
 from raytrace_jax.photo.lens import LensPrior, uncalibrated
-from raytrace_jax.photo.locate import locate, locate_together
+from raytrace_jax.photo.locate import Located, locate, locate_together
 from raytrace_jax.photo.opinions import NAMES, budget, contradictions, shown
 from raytrace_jax.photo.photograph import Corners, photograph_of
+from raytrace_jax.photo.room_scene import tank_scene, wedge_comment
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.tank import layers_of
+from raytrace_jax.scene.writer import save_scene
 
 POSE = [np.pi - 0.2, 0.12, -0.1, 3.0, -2.0, 260.0]
 LENS = LensPrior(np.array([FOV, 0.0, 0.0, 0.0, 0.0]), np.diag([1e-3, 1e-4, 1e-3, 1e-5, 1e-5]) ** 2)
@@ -242,6 +244,34 @@ def test_photographs_share_one_wedge():
     index, error = first.ior
     assert abs(index - INDEX) < min(3 * error, 1e-3)
     assert not contradictions(adjusted)
+
+
+def test_what_shifts_neighbours_counts_once():
+    """A wall that is not flat shifts all corners of a patch alike: the error is as much larger, and that is told."""
+    view = seen_past(tank(), 3)
+    plain = adjust([view], KNOWN).views[0]
+    places = view.through.places
+    waves = 0.1 * np.stack([np.sin(places[:, 0] / 7 + 1) * np.cos(places[:, 1] / 8), np.cos(places[:, 0] / 8)], -1)
+    shifted = adjust([view._replace(through=view.through._replace(pixels=view.through.pixels + waves))], KNOWN).views[0]
+    assert plain.shared == (1.0, 1.0)
+    assert shifted.shared[0] == 1.0 and 2 < shifted.shared[1] <= 3
+    assert shifted.sigma[1] > 2 * shifted.sigma[0]
+    assert abs(shifted.ior[0] - INDEX) < 3 * shifted.ior[1]
+
+
+@pytest.mark.parametrize(
+    ("wedge", "words"),
+    [
+        ((0.005, 0.0), "# The walls of the tank were found out of parallel, by a wedge of 0.286"),
+        ((0.0, 0.0), "settings"),
+    ],
+)
+def test_a_scene_tells_of_the_wedge(wedge, words, board, tmp_path):
+    """Its slab has parallel walls; where these were stated as parallel it says nothing."""
+    none, setup = Corners.none(), tank(wedge=wedge)
+    located = Located(setup, np.zeros((COUNT, COUNT)), (0.02, 0.02), none, none, board=board, size=SIZE, blur=0.7)
+    text = save_scene(tank_scene(located), tmp_path / "scene.txt", comments=wedge_comment(located))
+    assert text.startswith(words)
 
 
 def test_rays_obey_snell_in_a_liquid():

@@ -239,6 +239,13 @@ def print_located(together: Together, paths: Sequence[Path], long: bool = False)
     parts = budget(together.adjusted)
     print_table("parts of the index's error", ("of", "part"), [(name, f"{x:.2g}") for name, x in parts.parts.items()])
     print(parts.advice)
+    for k, located in together.located.items():
+        if max(located.shared) > 1:
+            print_warning(
+                f"{paths[k]}: corners through the tank scatter by {located.sigma[1]:.3f} pixels, and those beside it "
+                f"by {located.sigma[0]:.3f}: something shifts neighbours alike, as walls that are not flat or a liquid "
+                "that is not mixed. The index's error counts the excess once for nine neighbours, and may be too small."
+            )
     for k, (index, error) in together.alone.items():
         if abs(off := index - first.ior[0]) > AGREE * error:
             print_warning(
