@@ -38,3 +38,38 @@ CHECKS = {
     "offset": (0.1, 0.03),
 }
 PICTURE = {"kind": "image", "file": np.random.default_rng(3).uniform(size=(3, 6, 8)).astype(np.float16)}
+
+
+def pane(kind):
+    """A board behind flat media, with a bubble in them: a slab, with `walls` of water, two planes, or oil on a sea."""
+    rows = {"normal": (0.0, 0.0, 1.0)}
+    slab = {"material": "glass", "point": (0.0, 0.0, 0.5), "thickness": 1.5, **rows}
+    shapes = {
+        "slab": [build.slab("window", **slab)],
+        "walls": [build.slab("window", wall=0.25, wall_ior=1.25, **slab)],
+        "planes": [
+            build.plane("behind", material="air", point=(0.0, 0.0, -1.0), **rows),
+            build.plane("front", material="glass", point=(0.0, 0.0, 0.5), **rows),
+        ],
+        # The surface of both, said by each of them; what lies below the sea's is of no sight.
+        "oil": [
+            build.plane("sea", material="water", normal=(0.0, 1.0, 0.0), point=(0.0, -0.5, 0.0)),
+            build.plane("oil", material="glass", normal=(0.0, -2.0, 0.0), point=(3.0, -0.5, 0.0)),
+            build.plane("deep", material="air", normal=(0.0, 1.0, 0.0), point=(0.0, -2.0, 0.0)),
+            build.sphere("stone", material="water", center=(-1.0, 0.2, 0.0), radius=0.4),
+        ],
+    }
+    bubble = (0.2, -0.9, 0.0) if kind == "oil" else (0.2, 0.0, -0.2)
+    return build.make_scene(
+        build.settings("main", model="physical", max_bounces=8),
+        build.camera("eye", **CAMERA),
+        build.texture("lines", **CHECKS),
+        build.material("board", emission=(1.0, 1.0, 1.0), texture="lines"),
+        build.material("glass", transmission=1.0, ior=1.5, absorption=(0.1, 0.2, 0.3)),
+        build.material("water", transmission=1.0, ior=1.25),
+        build.material("air", transmission=1.0, ior=1.0),
+        build.rectangle("back", material="board", center=(0.1, 0.2, -2.3), right=(2.7, 0.0, 0.0), up=(0.0, 2.7, 0.0)),
+        *shapes[kind],
+        build.sphere("bubble", material="air", center=bubble, radius=0.3),
+        dtype=np.float64,
+    )

@@ -1,4 +1,4 @@
-"""A printed board past and through a tank of a liquid, by POV-Ray: ten photographs, each of its own tank and camera.
+"""A printed board past and through a tank of a liquid, by POV-Ray: photographs, each of its own tank and camera.
 
     python experiments/photograph/tanks.py FOLDER [NUMBER ...]
 
@@ -13,6 +13,8 @@ Lengths of truths are in millimetres, in the board's frame: x to the right, y up
 middle is the origin. `normal` points out of the tank's front, `point` is the middle of its outer front, `axes` are to
 the right along it and up, and `half` is half its size along these. `thickness` is from outer front to outer back,
 `gap` from the board to the nearest point of the back. A tank is closed, full, and of one thickness of wall all around.
+Walls of tanks 21 to 23 are out of parallel: the back is turned about `back`, the middle of what is seen through it, by
+`wedge`, two angles in radians by which its normal differs from (x, y, 1) along `normal`.
 """
 
 import argparse
@@ -38,6 +40,9 @@ WITHOUT_WALLS = (3, 6, 9, *WIDE[::2])
 TOUCHING = 5
 """A tank that touches the board and is parallel to it tells index and thickness only together."""
 
+WEDGES = {21: 0.3, 22: 0.2, 23: 0.15}
+"""By how many degrees the walls of some tanks are out of parallel."""
+
 COVERED = (0.35, 0.6)
 """Share of the paper before which the tank is seen; at least two thirds of it behind both front and back."""
 
@@ -52,8 +57,26 @@ def drawn(number: int) -> dict:
         truth = once(number, random)
         tank, faces = (float(which.mean()) for which in hidden(truth, points))
         if COVERED[0] < tank < COVERED[1] and faces > tank * 2 / 3:
-            return truth | {"covered": tank}
+            truth |= {"covered": tank}
+            return truth | wedged(truth, points) if number in WEDGES else truth
     raise RuntimeError(f"tank {number}: no place was found")
+
+
+def wedged(truth: dict, points) -> dict:
+    """How the back is turned, about any axis."""
+    turn = np.random.default_rng(8500 + truth["number"]).uniform(0, 2 * np.pi)
+    wedge = np.tan(np.radians(WEDGES[truth["number"]])) * np.array([np.cos(turn), np.sin(turn)])
+    _, inside, crossings = seen(truth, points)
+    return {"wedge": wedge.tolist(), "back": crossings[3, inside].mean(axis=0).tolist()}
+
+
+def back_of(truth: dict) -> tuple[np.ndarray, np.ndarray]:
+    """A point of the outer back, and the normal of it that points to the front."""
+    normal = np.array(truth["normal"])
+    if "wedge" not in truth:
+        return truth["point"] - truth["thickness"] * normal, normal
+    turned = normal / normal[2] + [*truth["wedge"], 0]
+    return np.array(truth["back"]), turned / np.linalg.norm(turned)
 
 
 def once(number: int, random: np.random.Generator) -> dict:
@@ -128,10 +151,18 @@ def scene(truth: dict, board: Path) -> str:
     matt = "finish { diffuse 0.8 }"
     table = min(-PAPERS[PAPER][1] / 2, point[1] - 1.2 * half[1] - 2) - 1.5
 
+    frame, (back, turned) = np.array([*truth["axes"], truth["normal"]]), back_of(truth)
+    out, behind = -frame @ turned, frame @ (back / 10 - point)
+
     def box(inset: float, ior: float) -> str:
         low, high = (*(inset - half), inset - truth["thickness"] / 10), (*(half - inset), -inset)
+        solid = f"box {{ {v(low)} {v(high)}"
+        if "wedge" in truth:
+            # A box that is longer is cut by the turned back.
+            solid = f"intersection {{ box {{ {v((*low[:2], 2 * low[2]))} {v(high)} }} "
+            solid += f"plane {{ {v(out)}, {behind @ out - inset:.9g} }}"
         return (
-            f"box {{ {v(low)} {v(high)} matrix <{matrix}> pigment {{ color rgbf 1 }} "
+            f"{solid} matrix <{matrix}> pigment {{ color rgbf 1 }} "
             "finish { ambient 0 diffuse 0 reflection { 0, 1 fresnel on } conserve_energy } "
             f"interior {{ ior {ior} }} no_shadow }}"
         )
@@ -172,23 +203,30 @@ def make(number: int, folder: Path) -> None:
     calibrate(drawn(first), board, chain, folder / f"tank_camera_{truth['camera']}")
 
 
-def seen(truth: dict, points) -> tuple[np.ndarray, np.ndarray]:
-    """Where points of the board are seen through front and back, "n 2", and which of them are."""
-    eye, normal, thickness, wall = np.array(truth["eye"]), np.array(truth["normal"]), truth["thickness"], truth["wall"]
-    layers = [(wall, truth["wall_ior"] or 1.0), (thickness - 2 * wall, truth["ior"]), (wall, truth["wall_ior"] or 1.0)]
-    away = points - eye
-    height = -(away @ normal)[:, None]
-    sideways = away + height * normal
-    # How far a ray goes sideways for each millimetre towards the board: in air, and for a layer by Snell's law.
-    slope, depths = sideways / height, np.zeros((3, len(points), 1))
-    for _ in range(50):
-        squared = np.sum(slope**2, axis=-1, keepdims=True)
-        depths = np.array([t / np.sqrt(n**2 * (1 + squared) - squared) for t, n in layers])
-        slope = sideways / (height - thickness + depths.sum(axis=0))
-    front = eye - truth["point"] + ((eye - truth["point"]) @ normal) * (slope - normal)
-    places = np.array([front + slope * depths[:k].sum(axis=0) for k in range(4)]) @ np.array(truth["axes"]).T
+def seen(truth: dict, points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where points of the board are seen through front and back, "n 2", which of them are, and "4 n 3" on the faces."""
+    eye, normal, wall = np.array(truth["eye"]), np.array(truth["normal"]), truth["wall"]
+    (back, turned), front = back_of(truth), np.array(truth["point"])
+    wall_ior = truth["wall_ior"] or truth["ior"]
+    faces = (
+        (front, normal, 1 / wall_ior),
+        (front - wall * normal, normal, wall_ior / truth["ior"]),
+        (back + wall * turned, turned, truth["ior"] / wall_ior),
+        (back, turned, wall_ior),
+    )
+    # A ray is aimed at its point, then beside it by what it misses, which is a few times less each time.
+    aim, crossings = np.array(points), np.zeros((4, len(points), 3))
+    for _ in range(60):
+        place, way = eye, (aim - eye) / np.linalg.norm(aim - eye, axis=-1, keepdims=True)
+        for k, (on, out, ratio) in enumerate(faces):
+            falls = -(way @ out)[:, None]
+            crossings[k] = place = place + ((place - on) @ out).reshape(-1, 1) / falls * way
+            # Snell's law.
+            way = ratio * way + (ratio * falls - np.sqrt(1 - ratio**2 * (1 - falls**2))) * out
+        aim = aim + points - (place - place[:, 2:] / way[:, 2:] * way)
+    places = (crossings - truth["point"]) @ np.array(truth["axes"]).T
     inside = np.all(np.abs(places) < np.array(truth["half"]) - wall - 2, axis=(0, 2))
-    return pixels(truth, eye + slope - normal), inside
+    return pixels(truth, aim), inside, crossings
 
 
 def bent(truth: dict, places: np.ndarray) -> np.ndarray:
@@ -209,7 +247,7 @@ def check(number: int, folder: Path) -> str:
     size = pattern_size(folder / f"tank_board_{number}.txt")
     x, y = np.meshgrid(*(np.arange(10, whole - 5, 10) - whole / 2 for whole in size))
     points = truth["print_scale"] * np.stack([x, y, 0 * x], -1).reshape(-1, 3)
-    words, (through, inside) = [f"tank {number}"], seen(truth, points)
+    words, (through, inside, _) = [f"tank {number}"], seen(truth, points)
     for name, places in (("through", through[inside]), ("beside", pixels(truth, points)[~hidden(truth, points)[0]])):
         places = bent(truth, places)
         found = cv2.cornerSubPix(image, places[:, None].astype(np.float32), (5, 5), (-1, -1), (3, 50, 1e-3))[:, 0]

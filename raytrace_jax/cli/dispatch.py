@@ -4,12 +4,15 @@ Exit codes: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 
 """
 
 import contextlib
+import functools
 import importlib
 import inspect
 import io
 import os
 import re
+import shutil
 import sys
+import textwrap
 import traceback
 import warnings
 from collections.abc import Sequence
@@ -65,8 +68,11 @@ def with_config(arguments: Sequence[str]) -> list[str]:
     A key of the file is an option without its dashes: `max-steps = 80`, `free = ["glass.ior"]`, `search = false` for
     `--no-search`, `size = [320, 240]`. A table gives `NAME=VALUE` to an option: `[define]` with `"glass.ior" = 1.5`.
     """
+    arguments = [
+        word for given in arguments for word in (given.split("=", 1) if given.startswith("--config=") else [given])
+    ]
     if "--config" not in arguments:
-        return list(arguments)
+        return arguments
     place = arguments.index("--config")
     others = [*arguments[:place], *arguments[place + 2 :]]
     if "--config" in others or place + 1 == len(arguments):
@@ -94,6 +100,9 @@ DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of ref
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 fine, 1 run time or file error, 2 wrong usage,
 3 the fit is not `converged`. `raytrace-jax COMMAND --help` explains a command, `raytrace-jax --version` says which
 version this is. `--config FILE.toml` takes options of a command from a file: its keys are their names."""
+
+EXAMPLE = "Example:"
+"""What the line of an example begins with; it is one command, to be copied, and stays in one line."""
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
@@ -130,6 +139,23 @@ def run(arguments: Sequence[str]) -> int:
         return USAGE if isinstance(error, (UsageError, ParameterError)) else FAILED
 
 
+class Paragraphs:
+    """Stdout on which paragraphs are broken into the terminal's lines: tyro breaks those in its boxes only."""
+
+    def __init__(self):
+        self.stream = sys.stdout
+
+    def write(self, text: str) -> int:
+        fill = functools.partial(textwrap.fill, break_on_hyphens=False, break_long_words=False)
+        width = shutil.get_terminal_size().columns
+        lines = text.split("\n")
+        is_prose = [line[:1].isalpha() and not line.startswith(("usage:", EXAMPLE)) for line in lines]
+        return self.stream.write("\n".join(fill(s, width) if it else s for s, it in zip(lines, is_prose, strict=True)))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
 def _run(arguments: Sequence[str]) -> int:
     first = arguments[0] if arguments else ""
     if first and not first.startswith("-") and first not in COMMANDS:
@@ -137,12 +163,13 @@ def _run(arguments: Sequence[str]) -> int:
         raise UsageError(f"there is no command {quoted(first)}.{suggestion} Commands: {listed(COMMANDS)}.")
     given = with_config(arguments)
     refusal = io.StringIO()
+    shown: Any = Paragraphs() if {"-h", "--help"} & set(given) else sys.stdout
     try:
-        with contextlib.redirect_stderr(refusal):
+        with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(refusal):
             command = tyro.cli(
                 _commands(named=bool(given) and given[0] in COMMANDS),
                 prog="raytrace-jax",
-                description=DESCRIPTION,
+                description=_in_lines(DESCRIPTION),
                 args=given,
                 # What is not given is None, which no one has to say.
                 config=(tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone),
@@ -167,9 +194,15 @@ def _commands(named: bool) -> Any:
     members = []
     for name, entry in COMMANDS.items():
         text = inspect.getdoc(entry.options) or ""
-        shown = tyro.conf.subcommand(name, description=text if named else text.splitlines()[0])
-        members.append(Annotated[entry.options, shown])
+        shown = tyro.conf.subcommand(name, description=_in_lines(text) if named else text.splitlines()[0])
+        # Comments are not for users.
+        members.append(tyro.conf.HelptextFromCommentsOff[Annotated[entry.options, shown]])
     return Union[tuple(members)]  # noqa: UP007
+
+
+def _in_lines(text: str) -> str:
+    """A help text with each paragraph, and each example, in one line: tyro leaves breaks before what is no letter."""
+    return "\n\n".join(" ".join(part.split()) for part in re.split(rf"\n\n|\n(?={EXAMPLE})", text))
 
 
 def _check_files(command: Any) -> None:

@@ -1,7 +1,7 @@
 """A physical scene in plain numbers, as the writers for other renderers take them and the import makes them."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.errors import SceneError
+from raytrace_jax.exchange.media import PARALLEL, surface_media
 from raytrace_jax.scene import build
 from raytrace_jax.scene.parameters import Block, blocks_of, material_of, shape_blocks
 from raytrace_jax.scene.response import FILM_EFFECTS, without_idle
@@ -115,11 +116,13 @@ class Shape(NamedTuple):
     name: str
     numbers: dict[str, Any]
     material: Material
+    outside: Material | None = None  # The media on both sides of its surface; None is vacuum.
+    inside: Material | None = None
     is_within: bool = False  # A file that is imported says that a medium is around it.
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
         """A plane's directions to the right and upwards, in which a texture lies on it; see `plane.frame`."""
-        n = self.numbers["normal"] / np.linalg.norm(self.numbers["normal"])
+        n = _normal(self)
         across = np.cross([0.0, 1.0, 0.0], n)
         length = float(np.linalg.norm(across))
         right = across / length if length > LEVEL else np.array([1.0, 0.0, 0.0])
@@ -134,13 +137,15 @@ class Described(NamedTuple):
     background: str  # Its name; empty where there is none.
     sky: Texture | None  # The picture all around that `radiance`, the background's, scales.
     lights: tuple[tuple[str, Vector, Vector], ...]  # The name, place and radiant intensity of each point light.
-    shapes: tuple[Shape, ...]
+    shapes: tuple[Shape, ...]  # Without those whose surface is an earlier one's.
+    eye_medium: Material | None  # What the camera is in.
+    far_media: tuple[Material | None, ...]  # What is far away.
     settings: ResolvedSettings
     lost: tuple[str, ...]  # What neither of the other programs can be told, a few words each.
 
-    def glass(self, keyword: str) -> list[Shape]:
-        """The shapes of a keyword that light goes through."""
-        return [shape for shape in self.shapes if shape.material.is_glass and shape.keyword == keyword]
+    def glass(self, *keywords: str) -> list[Shape]:
+        """The shapes of some keywords that light goes through."""
+        return [shape for shape in self.shapes if shape.material.is_glass and shape.keyword in keywords]
 
     def materials(self) -> list[Material]:
         """What the shapes are made of, each once."""
@@ -160,9 +165,18 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
     if settings.crop is not None or settings.binning != 1:
         raise SceneError("a whole picture is exported, without crop and binning.")
     scene, lost = with_planes(scene), []
+    media, blocks = surface_media(scene, settings), shape_blocks(scene)
+    materials = [_material(scene, material_of(scene, block), lost) for block in blocks]
+
+    def of(place: int | None) -> Material | None:
+        return None if place is None else materials[place]
+
     shapes = tuple(
-        Shape(block.keyword, block.name, _numbers(scene, block), _material(scene, material_of(scene, block), lost))
-        for block in shape_blocks(scene)
+        Shape(block.keyword, block.name, _numbers(scene, block), material, of(outside), of(inside))
+        for block, material, (outside, inside), is_hidden in zip(
+            blocks, materials, media.sides, media.hidden, strict=True
+        )
+        if not is_hidden
     )
     if settings.has_path_limit:
         lost.append(f"path_limit {settings.path_limit:g}: paths end by their bounces alone")
@@ -180,6 +194,8 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
         sky=_texture(scene, sky) if sky else None,
         lights=tuple(zip(lights.names, _vector(lights.location).T, _vector(lights.emissivity).T, strict=True)),
         shapes=shapes,
+        eye_medium=of(media.eye),
+        far_media=tuple(map(of, media.far)),
         settings=settings,
         lost=tuple(dict.fromkeys(lost)),
     )
@@ -240,22 +256,23 @@ def _vector(values: object) -> np.ndarray:
 
 def touch(a: Shape, b: Shape) -> bool:
     """Whether two spheres have any point in common, on their surfaces or inside."""
-    return bool(_apart(a.numbers, b.numbers) < a.numbers["radius"] + b.numbers["radius"])
+    return bool(_apart(a, b) < a.numbers["radius"] + b.numbers["radius"])
 
 
 def overlap(a: Shape, b: Shape) -> bool:
-    """Whether the surfaces of two spheres cut one another."""
-    return touch(a, b) and bool(_apart(a.numbers, b.numbers) > abs(a.numbers["radius"] - b.numbers["radius"]))
+    """Whether the surfaces of two shapes, spheres or planes, cut one another; a rounding is no cut."""
+    if a.keyword == b.keyword == "plane":
+        return bool(np.linalg.norm(np.cross(_normal(a), _normal(b))) > PARALLEL)
+    if a.keyword == b.keyword:
+        return touch(a, b) and bool(_apart(a, b) > abs(a.numbers["radius"] - b.numbers["radius"]))
+    plane, ball = (a, b) if a.keyword == "plane" else (b, a)
+    height = (ball.numbers["center"] - plane.numbers["point"]) @ _normal(plane)
+    return bool(abs(height) < (1 - PARALLEL) * ball.numbers["radius"])
 
 
-def around(shape: Shape, glass: list[Shape]) -> Material | None:
-    """The glass that a sphere lies in: that of the smallest sphere which holds it; None in vacuum."""
-    if shape.keyword != "sphere":
-        return None
-    radius, reach = (lambda other: other.numbers["radius"]), shape.numbers["radius"]
-    holding = [o for o in glass if reach < radius(o) and _apart(o.numbers, shape.numbers) + reach <= radius(o)]
-    return min(holding, key=radius).material if holding else None
+def _normal(plane: Shape) -> np.ndarray:
+    return plane.numbers["normal"] / np.linalg.norm(plane.numbers["normal"])
 
 
-def _apart(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
-    return float(np.linalg.norm(np.subtract(a["center"], b["center"])))
+def _apart(a: Shape, b: Shape) -> float:
+    return float(np.linalg.norm(np.subtract(a.numbers["center"], b.numbers["center"])))

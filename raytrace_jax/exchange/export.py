@@ -27,7 +27,8 @@ def export_scene(
     The file's head has the command that renders it. Pictures of textures are written beside it, as OpenEXR.
 
     Args:
-        to: the program.
+        path: the file to write; missing folders are made.
+        to: the program, `pov` or `mitsuba`.
         settings: what is rendered, and how; None is what the scene's file says.
 
     Returns:

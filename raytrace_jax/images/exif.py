@@ -55,13 +55,8 @@ def orientation_of(path: str | os.PathLike[str]) -> int:
 
 
 def upright(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
-    """A picture "height width channels" as it is stored, turned as its file says, of which a PictureWarning tells."""
-    orientation = orientation_of(path)
-    turned = TURNS[orientation](stored)
-    if orientation != 1:
-        words = f"says that it is turned (orientation {orientation}): upright it is {turned.shape[1]} x {len(turned)}."
-        warnings.warn(f"{path} {words}", PictureWarning, stacklevel=5)
-    return turned
+    """A picture "height width channels" as it is stored, turned as its file says."""
+    return TURNS[orientation_of(path)](stored)
 
 
 def camera_of(path: str | os.PathLike[str]) -> dict[str, str]:

@@ -20,7 +20,7 @@ import OpenEXR
 from jax.typing import ArrayLike
 
 from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.images.picture_file import KEY, to_json
+from raytrace_jax.images.picture_file import KEY, refuse_beyond_memory, to_json
 from raytrace_jax.util.files import atomic_write, read_bytes
 from raytrace_jax.util.numerics import real_numbers
 from raytrace_jax.util.text import did_you_mean
@@ -146,7 +146,7 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
     for part, compression in zip(parts, compressions, strict=True):
         prefix = f"{part.name()}." if any(counts[name] > 1 for name in part.channels) else ""
         for name, channel in part.channels.items():
-            channels[prefix + name] = _in_display_window(path, channel.pixels, part.header)
+            channels[prefix + name] = in_display_window(path, channel.pixels, part.header)
             attributes[prefix + name] = {**parts[0].header, **part.header}
             lossy |= {compression} if channel.pixels.dtype.str[1:] in _LOSSY.get(compression, ()) else set()
     if lossy:
@@ -177,6 +177,11 @@ def _load_parts(path: str | os.PathLike[str]) -> list[OpenEXR.Part]:
             halved = [one.name for one in part.header["channels"] if (one.xSampling, one.ySampling) != (1, 1)]
             if halved:
                 raise PictureError(f"{path}: channel {halved[0]} is subsampled; save the picture with R, G, B instead")
+        for kind in ("display", "data"):
+            # A channel is read into four bytes a pixel.
+            height, width = np.max([np.subtract(*_window(part.header, f"{kind}Window")[::-1]) for part in headers], 0)
+            channels = sum(len(part.header["channels"]) for part in headers)
+            refuse_beyond_memory(path, f"{kind} window", int(width), int(height), bytes_per_pixel=4 * channels)
         # OpenEXR only prints when it cannot read a part, and leaves that part out.
         with contextlib.redirect_stdout(io.StringIO()):
             parts = opened(path, separate_channels=True).parts
@@ -187,21 +192,32 @@ def _load_parts(path: str | os.PathLike[str]) -> list[OpenEXR.Part]:
     return parts
 
 
-def _in_display_window(path: str | os.PathLike[str], pixels: np.ndarray, header: Mapping[str, Iterable]) -> np.ndarray:
-    """A channel as float32 or uint32, where the picture is shown."""
+def _window(header: Mapping[str, Iterable], name: str) -> tuple[np.ndarray, np.ndarray]:
+    """The (row, column) of a window's first pixel, and of the one behind its last."""
+    # The header has (x, y), and the last itself.
+    first, last = (np.array(corner, np.int64)[::-1] for corner in header[name])
+    return first, last + 1
+
+
+def in_display_window(path: str | os.PathLike[str], pixels: np.ndarray, header: Mapping[str, Iterable]) -> np.ndarray:
+    """A channel of the data window where the picture is shown, 0 where it has no pixels; a half as float32."""
     pixels = pixels.astype(np.float32) if pixels.dtype == np.float16 else pixels
-    # Windows are (x, y) of their first and of their last pixel; here they are (row, column).
-    data, data_end = (np.array(corner, np.int64)[::-1] for corner in header["dataWindow"])
-    shown, shown_end = (np.array(corner, np.int64)[::-1] for corner in header["displayWindow"])
+    (data, data_end), (shown, shown_end) = (_window(header, name) for name in ("dataWindow", "displayWindow"))
     if np.array_equal((data, data_end), (shown, shown_end)):
         return pixels
-    first, end = np.maximum(data, shown), np.minimum(data_end, shown_end) + 1
+    first, end = np.maximum(data, shown), np.minimum(data_end, shown_end)
     if np.any(first >= end):
         raise PictureError(f"{path}: its pixels lie outside of its display window")
-    placed = np.zeros(shown_end - shown + 1, pixels.dtype)
+    placed = np.zeros(shown_end - shown, pixels.dtype)
     to, source = (tuple(map(slice, first - start, end - start)) for start in (shown, data))
     placed[to] = pixels[source]
     return placed
+
+
+def stored_pixels(path: str | os.PathLike[str], header: Mapping[str, Iterable]) -> np.ndarray:
+    """Which pixels of the display window the data window has, "height width"."""
+    first, end = _window(header, "dataWindow")
+    return in_display_window(path, np.ones(end - first, bool), header)
 
 
 def read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -> dict[str, object]:

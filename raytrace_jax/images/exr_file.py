@@ -9,7 +9,7 @@ import numpy as np
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images import Transfer, exr
 from raytrace_jax.images import transfer as transfers
-from raytrace_jax.images.picture_file import PictureFile, PictureOrigin
+from raytrace_jax.images.picture_file import MEMORY, PictureFile, PictureOrigin, refuse_beyond_memory
 from raytrace_jax.images.transfer import LINEAR_SPACES, REC_709, Chromaticities, ColourSpace
 
 
@@ -58,6 +58,8 @@ class ExrFile(PictureFile):
 
     def numbers(self) -> np.ndarray:
         """The channels of the layer, a grey one three times."""
+        height, width = self.picture.channels[self.names[0]].shape
+        refuse_beyond_memory(self.path, "display window", width, height, bytes_per_pixel=MEMORY)
         for name in self.names:
             exr.refuse_not_finite(f"{self.path}: cannot be used as a picture", name, self.picture.channels[name])
         stored = np.stack([self.picture.channels[name] for name in self.names], axis=-1)
@@ -73,7 +75,10 @@ class ExrFile(PictureFile):
         return float(self.picture.attributes[self.names[0]].get("pixelAspectRatio", 1.0))
 
     def light(self, transfer: Transfer | None = None) -> np.ndarray:
-        return super().light()  # No transfer changes floats.
+        light = super().light()  # No transfer changes floats.
+        headers = (self.picture.attributes[name] for name in self.names)
+        absent = ~np.all([exr.stored_pixels(self.path, header) for header in headers], axis=0)
+        return np.ma.array(light, mask=np.broadcast_to(absent, light.shape)) if absent.any() else light
 
     def origin(self) -> PictureOrigin:
         """The metadata of `write_exr`, and the attribute `generatedBy`."""

@@ -2,6 +2,7 @@
 
 import os
 import re
+from functools import cached_property
 
 import numpy as np
 from PIL import Image
@@ -19,6 +20,8 @@ HDR_SAYS = re.compile(rb"^(EXPOSURE|GAMMA|PIXASPECT|COLORCORR|PRIMARIES|FORMAT(?
 HDR_READ = {b"COLORCORR": [(1, 1, 1)], b"PRIMARIES": [REC_709, (0,) * 8], b"FORMAT": []}
 """Numbers by which a header changes no colour, where it is not 1 alone; Photoshop writes primaries of 0."""
 
+SAVE = "save it as OpenEXR with the program that made it"
+
 PPM_HEADER = re.compile(rb"P[36]" + 3 * rb"(?:\s|#[^\n\r]*[\n\r])+(\d{1,9})" + rb"\s")
 """Width, height and the largest number, with spaces or comments before each, and one space behind them."""
 
@@ -28,12 +31,20 @@ class HdrFile(LibraryFile):
 
     format, suffixes = "Radiance HDR", (".hdr",)
 
+    @cached_property
+    def head(self) -> re.Match[bytes]:
+        head = HDR_HEADER.match(read_bytes(self.path, error=PictureError))
+        if head is None:
+            raise self.error(f"has no header with a size such as '-Y 480 +X 640', or is turned: {SAVE}")
+        return head
+
+    def size(self) -> tuple[int, int]:
+        return int(self.head[3]), int(self.head[2])
+
     def stored(self) -> np.ndarray:
         """As of any file, if its numbers are light that OpenImageIO reads."""
-        data, advice = read_bytes(self.path, error=PictureError), "save it as OpenEXR with the program that made it"
-        head = HDR_HEADER.match(data)
-        if head is None:
-            raise self.error(f"has no header with a size such as '-Y 480 +X 640', or is turned: {advice}")
+        head = self.head
+        self.check_size()
         for name, value in HDR_SAYS.findall(head[1]):
             try:
                 numbers = tuple(map(float, value.split()))
@@ -41,14 +52,14 @@ class HdrFile(LibraryFile):
                 numbers = ()
             if numbers not in HDR_READ.get(name, [(1,)]):
                 said = f"{name.decode()}={value.strip()[:60].decode('latin-1')}"
-                raise self.error(f"says {said}, which is not read: {advice}")
+                raise self.error(f"says {said}, which is not read: {SAVE}")
         # A byte stands for 16 pixels at most: runs of 127 take two bytes in each of four channels.
-        body = data[head.end() :]
+        body = head.string[head.end() :]
         if int(head[2]) * int(head[3]) > 16 * len(body):
             raise self.error("is truncated: some of its pixels are missing")
         # OpenImageIO takes the pixel 1 1 1 n, "the last one n times" in the old coding, for a grey 2^(n - 136).
         if b"\1\1\1" in body and (body[:2] != b"\2\2" or (np.frexp(super().stored())[0] == 0.5).all(axis=-1).any()):
-            raise self.error(f"may have runs of pixels in Radiance's old coding, which is not read: {advice}")
+            raise self.error(f"may have runs of pixels in Radiance's old coding, which is not read: {SAVE}")
         return super().stored()
 
 
@@ -57,16 +68,24 @@ class PpmFile(LibraryFile):
 
     format, suffixes, usual = "PPM", (".ppm",), "course"
 
-    def stored(self) -> np.ndarray:
-        """As of any file, if it has as many numbers as its head says, and none is beyond the largest."""
-        data = read_bytes(self.path, error=PictureError)
-        head = PPM_HEADER.match(data)
+    @cached_property
+    def head(self) -> re.Match[bytes]:
+        head = PPM_HEADER.match(read_bytes(self.path, error=PictureError))
         if head is None or int(head[3]) not in (255, 65535):
             wanted = "a head with a width, a height and 255 or 65535 as the largest number is wanted"
             raise self.error(f"is a broken PPM picture or of other numbers, and {wanted}: `pamdepth 255` converts it")
+        return head
+
+    def size(self) -> tuple[int, int]:
+        return int(self.head[1]), int(self.head[2])
+
+    def stored(self) -> np.ndarray:
+        """As of any file, if it has as many numbers as its head says, and none is beyond the largest."""
+        head = self.head
+        self.check_size()
         width, height, largest = map(int, head.groups())
-        wanted, body = 3 * width * height, data[head.end() :]
-        if data.startswith(b"P3"):
+        wanted, body = 3 * width * height, head.string[head.end() :]
+        if head[0].startswith(b"P3"):
             words = re.sub(rb"#[^\n\r]*", b"", body).split()
             is_whole = len(words) == wanted and all(w.isdigit() and len(w) < 10 and int(w) <= largest for w in words)
         else:

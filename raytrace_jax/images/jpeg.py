@@ -56,11 +56,15 @@ class JpegStorage(NamedTuple):
 def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> JpegStorage | None:
     """The compression of a JPEG file; None for a grey one and for one that does not store brightness and colour apart.
 
-    Raises PictureError if the file cannot be read.
+    Args:
+        transfer: how the numbers of the file were made, `course` or `srgb`, as for `read_picture`.
+
+    Raises:
+        PictureError: the file cannot be read.
     """
     try:
-        with Image.open(path, formats=["JPEG"]) as image:
-            assert isinstance(image, JpegImagePlugin.JpegImageFile)
+        # Not by `Image.open`, which refuses large pictures.
+        with JpegImagePlugin.JpegImageFile(os.fspath(path)) as image:
             sampling, orientation = JpegImagePlugin.get_sampling(image), orientation_of(path)
             is_not_ycc = image.mode != "RGB" or image.info.get("adobe_transform") == 0
             width, height = image.size if orientation < 5 else image.size[::-1]

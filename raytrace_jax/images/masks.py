@@ -14,7 +14,8 @@ from raytrace_jax.images.pictures import is_jpeg, is_photograph, read
 def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
     """Return the weights "height width" of a file: 0 leaves a pixel out, 1 counts in full.
 
-    Of an OpenEXR or Radiance HDR picture they are the means of its channels, 0 or more. Of others, as an editor paints
+    Of an OpenEXR or Radiance HDR picture they are the means of its channels, 0 or more, and 0 outside of the data
+    window. Of others, as an editor paints
     them, they are how bright and how opaque a pixel is, from 0 to 1.
 
     Raises:
@@ -54,6 +55,7 @@ def clipped_pixels(
         path: the file of the picture, which may be a part of it. PictureError if it is broken.
         how: `auto` does as said above; `drop`, both kinds; `keep`, none.
     """
+    picture = np.asarray(picture)  # Pixels that are not stored are masked, and have no weight already.
     counts = how != "keep" and read(path).bits() > 0
     is_photo = counts and (how == "drop" or is_photograph(path))
     has_end = is_photo or (counts and not clamps)

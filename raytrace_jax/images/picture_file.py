@@ -12,16 +12,22 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from PIL.ExifTags import Base
 
 from raytrace_jax.errors import PictureError, PictureWarning, RaytraceError
 from raytrace_jax.images import Transfer
-from raytrace_jax.images.exif import orientation_of, upright
+from raytrace_jax.images.exif import BROKEN, exif_of, orientation_of, upright
 from raytrace_jax.images.transfer import DECODERS, NEARLY, ColourSpace, largest_number
 from raytrace_jax.util.files import strict
+from raytrace_jax.util.session import lack_of_memory
 from raytrace_jax.util.text import is_unicode
 
 KEY = "raytrace_jax"
 """The attribute of an OpenEXR file, and the keyword of a PNG file's text, that holds how a picture was made."""
+
+
+MEMORY = 24
+"""Bytes that a pixel takes when it becomes light: three float32 numbers and their copy."""
 
 
 class PictureOrigin(NamedTuple):
@@ -68,12 +74,13 @@ class PictureFile:
         raise NotImplementedError
 
     def weights(self) -> np.ndarray:
-        """The picture as a mask, "height width": the mean of its channels."""
-        return self.light().mean(axis=0)
+        """The picture as a mask, "height width": the mean of its channels, 0 where the file stores no pixels."""
+        return np.ma.filled(self.light(), 0).mean(axis=0)
 
     def light(self, transfer: Transfer | None = None) -> np.ndarray:
         """The scene-linear float32 picture, "3 height width", top row first; warnings tell of other primaries.
 
+        Where the file stores no pixels it is masked (`numpy.ma`).
         The transfer says how integers were made; None is what the file says, else what is usual.
         """
         if transfer is not None and transfer not in DECODERS:
@@ -113,8 +120,19 @@ class LibraryFile(PictureFile):
     suffixes: tuple[str, ...] = ()
     """The names that OpenImageIO knows the format by."""
 
+    def size(self) -> tuple[int, int]:
+        """(width, height) as the file's first bytes tell it, before OpenImageIO reads any; 0 where they are broken."""
+        tags = exif_of(self.path)
+        with contextlib.suppress(*BROKEN):
+            return int(tags.get(Base.ImageWidth, 0)), int(tags.get(Base.ImageLength, 0))
+        return 0, 0
+
+    def check_size(self) -> None:
+        refuse_beyond_memory(self.path, "picture", *self.size(), bytes_per_pixel=MEMORY)
+
     @cached_property
     def spec(self) -> Any:
+        self.check_size()  # Already here: OpenImageIO reads some files to their end when it opens them.
         with self._opened() as file:
             return file.spec()
 
@@ -199,6 +217,18 @@ class LibraryFile(PictureFile):
 def _reason(words: str) -> str:
     """The first line of what OpenImageIO says, without a full stop."""
     return (words.strip().splitlines() or ["it is broken"])[0].rstrip(".")
+
+
+def refuse_beyond_memory(
+    path: str | os.PathLike[str], what: str, width: int, height: int, *, bytes_per_pixel: int
+) -> None:
+    """Raise PictureError where there is no memory for what a file says that it has, before any is asked for.
+
+    A file of some bytes may say that it has any size. The bytes are the least that a reader needs, so that no picture
+    is refused which can be read.
+    """
+    if lack := lack_of_memory(width * height * bytes_per_pixel):
+        raise PictureError(f"{path}: its {what}, {width} x {height} pixels, does not fit into memory: it {lack}")
 
 
 def to_json(path: str | os.PathLike[str], metadata: Mapping[str, object]) -> str:

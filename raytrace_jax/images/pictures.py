@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.errors import PictureError
+from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.camera_files import RAW, RAW_STARTS, JpegFile, TiffFile
 from raytrace_jax.images.exr import MAGIC
@@ -59,17 +59,37 @@ def read_picture(
         layer: which layer of an OpenEXR file, when it is not obvious (see `read`).
 
     Returns:
-        The picture.
+        The picture. Pixels outside of an OpenEXR file's data window are not stored: they are masked (`numpy.ma`), and
+        have no weight in a fit; below the mask they are black.
 
     Raises:
-        PictureError: the file is missing or broken, is of another format, or has no such layer; a pixel is transparent,
-            NaN or infinite; what it says of its colours is not known.
+        PictureError: the file is missing or broken, is of another format, has no such layer, or does not fit into
+            memory; a pixel is transparent, NaN or infinite; what it says of its colours is not known.
 
     Warns:
         PictureWarning: it was turned upright, or converted from other primaries; its compression has changed it; its
-            pixels are not square, and are read as if they were.
+            pixels are not square, and are read as if they were; some are not stored.
     """
-    return read(path, layer=layer).light(transfer)
+    light = read(path, layer=layer).light(transfer)
+    if absent := _absent(light):
+        warnings.warn(f"{path}: {absent}; they have no weight.", PictureWarning, stacklevel=2)
+    return light
+
+
+def read_whole_picture(path: str | os.PathLike[str], transfer: Transfer | None = None) -> np.ndarray:
+    """As `read_picture`, but for a PictureError of a picture some of whose pixels are not stored."""
+    light = read(path).light(transfer)
+    if absent := _absent(light):
+        raise PictureError(f"{path}: {absent}, and a whole picture is wanted")
+    return light
+
+
+def _absent(light: np.ndarray) -> str:
+    """How many pixels of a picture are not stored, as the beginning of a sentence; empty if all are."""
+    missing = np.ma.getmaskarray(light)[0]
+    are = "are" if missing.sum() > 1 else "is"
+    words = f"{missing.sum():,} of its {missing.size:,} pixels {are} not stored, outside of its data window"
+    return words if missing.any() else ""
 
 
 def read_origin(path: str | os.PathLike[str]) -> PictureOrigin:

@@ -143,13 +143,13 @@ class PngFile(LibraryFile):
     def bits(self) -> int:
         return 16 if self.chunks[b"IHDR"][8] == 16 else 8
 
+    def size(self) -> tuple[int, int]:
+        return struct.unpack_from(">II", self.chunks[b"IHDR"])
+
     def stored(self) -> np.ndarray:
         """As of any file, if it is whole and of the full range; a warning tells of an animation: its first is read."""
         width, height, bits, colour_type, _, _, interlace = struct.unpack(">IIBBBBB", self.chunks[b"IHDR"])
-        _ = self.spec  # The library refuses a header that cannot be.
-        most = 178_956_970  # A small file must not fill the memory; Pillow has this limit too.
-        if width * height > most:
-            raise self.error(f"is too large: it has {width} x {height} pixels, and at most {most:,} are read")
+        _ = self.spec  # A header that cannot be is refused, and a picture that does not fit into memory.
         samples = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}[colour_type]  # Grey, RGB, palette, grey + alpha, RGB + alpha.
         size = sum(
             # The number of rows of the pass, each with its filter's number and its pixels in whole bytes.

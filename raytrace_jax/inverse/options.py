@@ -50,18 +50,18 @@ class FitOptions(Checked):
 
     search: bool = True
     """Scan indices and positions for starts; else the scene's values are trusted to be near."""
-    ties: Annotated[Mapping[str, str], Wanted("the leader's name by the follower's", "NAME=FREE")] = dataclasses.field(
+    ties: Annotated[Mapping[str, str], Wanted("the leader's name by the follower's")] = dataclasses.field(
         default_factory=dict
     )
     """Let a parameter follow a free one, as cyan.ior=vitreous.ior or small.center=large.center."""
     priors: Annotated[
         Mapping[str, tuple[float, Annotated[float, Wanted(above=0)]]],
-        Wanted("(mean, standard deviation) by name, as {'glass.ior': (1.5, 0.1)}, the latter above 0", "NAME=MEAN+-SD"),
+        Wanted("(mean, standard deviation) by name, as {'glass.ior': (1.5, 0.1)}, the latter above 0"),
     ] = dataclasses.field(default_factory=dict)
     """What is known of a free number, as vitreous.radius=2.3+-0.01: mean and standard deviation."""
-    uncertain: Annotated[
-        Mapping[str, float | str], Wanted("a standard deviation, or a share as '0.1%', by name", "NAME=SD")
-    ] = dataclasses.field(default_factory=dict)
+    uncertain: Annotated[Mapping[str, float | str], Wanted("a standard deviation, or a share as '0.1%', by name")] = (
+        dataclasses.field(default_factory=dict)
+    )
     """Standard deviation of a number that stays fixed, as vitreous.radius=0.002 or vitreous.radius=0.1%. The name of a
     block (cam1=0.1%) or of a kind of blocks (lights=1%) stands for all its numbers. The errors then include it."""
     correlations: Annotated[Mapping[tuple[str, str], float], Wanted("a number by pairs of names")] = dataclasses.field(
@@ -91,7 +91,7 @@ class FitOptions(Checked):
         Wanted("finite standard deviations in pixels, 0 or more", "SIGMA ...", least=0, below=inf),
     ] = None
     """Standard deviations in pixels of the blurred levels, coarse to fine; without it they are chosen."""
-    profiles: Annotated[Sequence[str], Wanted("a list of names", "NAME ...")] = ()
+    profiles: Annotated[Sequence[str], Wanted("a list of names")] = ()
     """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
     max_steps: Annotated[int, Wanted(metavar="N", least=1)] = 60
     """The most steps of the solver on the last level."""

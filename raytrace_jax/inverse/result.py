@@ -139,11 +139,7 @@ class Ending:
     """How a fit ended.
 
     Args:
-        status: `converged`: the solver came to rest, the picture is explained, and it determines every parameter;
-            `ambiguous`: another minimum explains it as well; `degenerate`: some parameter or combination is not
-            determined; `model_incomplete`: the residual is more than noise, so that something in the target is not as
-            the scene says; `not_converged`: the solver still moved, or the picture is far from explained;
-            `interrupted`: stopped by the user or a budget.
+        status: a word that `FitResult` explains.
         at_bound: (name, bound) of each estimate that ran to the end of its range.
     """
 
@@ -179,7 +175,12 @@ class FitResult:
     """The estimate, how sure it is, and how it came about.
 
     Args:
-        ending: the status and its reason; `result.status`, `result.message` and `result.advice` are its.
+        ending: the status and its reason; `result.status`, `result.message` and `result.advice` are its. `converged`:
+            the solver came to rest, the picture is explained, and it determines every parameter; `ambiguous`: another
+            minimum explains it as well; `degenerate`: some parameter or combination is not determined;
+            `model_incomplete`: the residual is more than noise, so that something in the target is not as the scene
+            says; `not_converged`: the solver still moved, or the picture is far from explained; `interrupted`: stopped
+            by the user or a budget.
         names: the free scalar parameters, as the user spelled them.
         check: the fixed numbers that they depend on, and what the residual shows beside noise.
         given: starts, priors, ties and the loss; `result.initial` and `result.target_samples` are its.
@@ -203,22 +204,27 @@ class FitResult:
 
     @property
     def status(self) -> Status:
+        """How the fit ended, in a word: `converged`, `ambiguous` and so on."""
         return self.ending.status
 
     @property
     def message(self) -> str:
+        """Why the status is what it is, in words."""
         return self.ending.message
 
     @property
     def advice(self) -> str:
+        """What to do about the status, in words; empty where nothing helps."""
         return self.ending.advice
 
     @property
     def initial(self) -> Float[np.ndarray, " parameters"]:
+        """The scene's values of the free numbers, from which the fit started, in the order of `names`."""
         return self.given.initial
 
     @property
     def target_samples(self) -> int | None:
+        """n, where the target's pixels were taken for means of n x n samples; 1 is a point, None the whole pixel."""
         return self.given.target_samples
 
     @property
@@ -243,10 +249,12 @@ class FitResult:
 
     @property
     def total_error(self) -> Float[np.ndarray, " parameters"]:
+        """One standard deviation of each estimate, from noise and systematic errors together."""
         return np.hypot(self.standard_error, self.systematic_error)
 
     @property
     def total_correlation(self) -> Float[np.ndarray, "parameters parameters"]:
+        """The correlation matrix of the estimates, from noise and systematic errors together."""
         return correlation_of(self.uncertainty.covariance + self.check.covariance)
 
     @property
@@ -263,6 +271,7 @@ class FitResult:
 
     @property
     def rows(self) -> list[EstimateRow]:
+        """The rows of the table of estimates, one for each free number."""
         sure, given = self.uncertainty, self.given
         numbers = [given.initial, self.value, self.standard_error, sure.resolution]
         numbers += [self.systematic_error, self.total_error, sure.cramer_rao]
@@ -271,6 +280,7 @@ class FitResult:
 
     @property
     def parameters(self) -> dict[str, Estimate]:
+        """The estimates by name, each with its total error and its unit."""
         return {row.name: Estimate(row.value, row.total_error, row.unit) for row in self.rows}
 
     def __getitem__(self, name: str) -> Estimate:

@@ -23,6 +23,9 @@ from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.tank import Layers, layers_of
 from raytrace_jax.util.digits import with_error
 
+LIQUIDS = 1.2, 2.2
+"""No liquid that stands in a tank has an index outside of these: perfluorohexane has 1.25, melted sulphur 1.9."""
+
 LEAST_SQUARE = 4.0
 """Least pixels of a square's shorter side, seen through the glass; a patch of a smaller one is a blur."""
 
@@ -183,7 +186,7 @@ def locate_together(
             left_out = bare if several and isinstance(reason, NothingThrough) else refused
             left_out[k] = _not_located(reason, photographs[k], board, taken[k])
     if not views:
-        if "radius" in measured and (asked := _other_radius(photographs, board, cameras, measured, ball)):
+        if asked := _other_size(photographs, board, cameras, layers, measured, ball):
             for k in cameras:
                 left_out = bare if k in bare else refused
                 left_out[k] = NotLocated(f"{left_out[k]} {asked}", taken[k])
@@ -216,24 +219,35 @@ def _not_located(reason: PictureError, photograph: Photograph, board: CharucoBoa
     return refusal
 
 
-def _other_radius(
+def _other_size(
     photographs: Sequence[Photograph],
     board: CharucoBoard,
     cameras: dict[int, FoundCamera],
+    layers: dict[int, Layers],
     measured: Measured,
     ball: Disc | None,
 ) -> str | None:
-    """Ask about a radius with which a photograph would tell an index, where the stated one fails."""
-    ways = {0.5: "half of that radius", 2: "twice that radius", 0.1: "a tenth of that radius", 10: "ten times that"}
+    """Ask about a radius, or a thickness, with which a photograph would tell an index, where the stated one fails."""
+    name, what, mistake, factors = "radius", "ball", "another unit or a diameter", (0.5, 2, 0.1, 10)
+    if "thickness" in measured:
+        name, what, mistake, factors = "thickness", "tank", "another unit", (0.1, 10, 0.5, 2)
+    ways = {0.5: f"half of that {name}", 2: f"twice that {name}", 0.1: f"a tenth of that {name}", 10: "ten times that"}
     for k, camera in cameras.items():
-        for factor, words in ways.items():
-            radius = factor * measured["radius"][0]
-            known = known_before(camera.lens, {**measured, "radius": (radius, 0.0)})
+        for factor in factors:
+            size = factor * measured[name][0]
+            if size <= 2 * measured.get("wall", (0.0, 0.0))[0]:
+                continue
+            other = {**measured, name: (size, 0.0)}
+            known, behind = known_before(camera.lens, other), board
             with contextlib.suppress(PictureError):
-                start = _before_ball(photographs[k], board, camera, radius, ball, Diagnostics())
-                _measured(photographs[k], board, start, camera.blur, known, Diagnostics())
-                found = f"With {words}, {radius:.3g} mm, the board is seen through the ball"
-                return f"{found}: was another unit or a diameter stated?"
+                if k in layers:
+                    start, behind = _before_tank(camera, layers[k], other, known), layers[k].through
+                else:
+                    start = _before_ball(photographs[k], board, camera, size, ball, Diagnostics())
+                _measured(photographs[k], behind, start, camera.blur, known, Diagnostics())
+                return (
+                    f"With {ways[factor]}, {size:.3g} mm, the board is seen through the {what}: was {mistake} stated?"
+                )
     return None
 
 
@@ -258,8 +272,10 @@ def _before_ball(
 
 def _before_tank(camera: FoundCamera, layers: Layers, measured: Measured, known: Known) -> PhotoView:
     """A photograph's camera, and the tank as the markers that are seen through it tell."""
-    sizes = {name: value for name, (value, _) in measured.items()}
-    setup = camera.view.setup._replace(ior=1.4, radius=0.0, **sizes)
+    sizes = {name: np.full(np.shape(getattr(AT, name)), value) for name, (value, _) in measured.items()}
+    # The thickness is that in the middle of what is seen through the tank.
+    middle = np.append(layers.seen.places.mean(axis=0), known.mean[AT.center[2]])
+    setup = camera.view.setup._replace(ior=1.4, radius=0.0, center=middle, **sizes)
     view = camera.view._replace(setup=setup, through=layers.seen)
     return view._replace(setup=adjust([view], known).views[0].setup)
 
@@ -293,10 +309,10 @@ def _measured(
         taken.discs = [Disc(*Sight(view.setup, photograph.size).outline)]
     sigma, index = found.views[0].sigma, found.views[0].ior
 
-    if is_tank and index[0] < 1:
+    if is_tank and not LIQUIDS[0] < index[0] < LIQUIDS[1]:
         raise PictureError(
-            f"{photograph.name}: the liquid's index would be {with_error(*index)}, and none is below that of air: are "
-            "the tank's thickness and its walls right?"
+            f"{photograph.name}: the liquid's index would be {with_error(*index)}, and that of a liquid is from "
+            f"{LIQUIDS[0]} to {LIQUIDS[1]}: is the tank full, and are the tank's thickness and its walls right?"
         )
     # In a photograph that was cut, whose middle is not where the lens looked, those through the ball scatter 3.5 times
     # as much as those beside it.

@@ -71,10 +71,26 @@ def scene_warnings(scene: Scene, model: ModelName) -> list[str]:
     elif not any(_is_set(values) for _, one, _, values in attribute_values(scene) if one.name in sources):
         words = "emission, no background" if model == "physical" else "ambient colour"
         found.append(f"the scene has no light (no light block, no {words}): its picture is black.")
+    elif unlit := _unlit_shapes(scene) if model == scene.model == "physical" else ():
+        found.append(
+            f"{listed(unlit)} {'is' if len(unlit) == 1 else 'are'} matt and black: only light blocks shine on matt "
+            "surfaces, and the scene has none."
+        )
     camera = scene.camera
     if isinstance(camera, ImagePlaneCamera) and float(camera.viewpoint[2]) == 0:
         found.append(f"the camera {camera.name} is in its image plane, z = 0: all of its rays lie in that plane.")
     return found + _unresolved_glass(scene) if model == "physical" else found
+
+
+def _unlit_shapes(scene: Scene) -> list[str]:
+    """Shapes of the physical model that are nothing but matt, in a scene without light blocks that shine."""
+    if _is_set(scene.lights.emissivity):
+        return []
+    materials = {shape.name: material_of(scene, shape).read_all(scene) for shape in shape_blocks(scene)}
+    own = ("emission", "reflectivity", "transmission")
+    return [
+        name for name, of in materials.items() if _is_set(of["diffuse"]) and not any(_is_set(of[key]) for key in own)
+    ]
 
 
 def _unresolved_glass(scene: Scene) -> list[str]:

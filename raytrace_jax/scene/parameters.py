@@ -151,18 +151,24 @@ def resolve(scene: Scene, name: str) -> Parameter:
     block_name, attribute_name = ".".join(pieces[:-1]), pieces[-1]
     known = blocks(scene)
     owners = [block for block in known if block.name == block_name]
+    wholes = [block for block in known if block.name == name]
+    # The blocks' own attributes come first, then those of the shapes' materials.
+    materials = [(material_of(scene, block), block.name) for block in owners or wholes if block.type.is_shape]
+    reached = [*((block, None) for block in owners or wholes), *materials]
+    if wholes and not owners:
+        model = scene_model(scene)
+        own = ((block, one) for block, _ in reached for one in block.type.continuous if one.is_used_by(model))
+        numbers = dict.fromkeys(f"{name}.{one.name}" for _, one in own)
+        having = f"and a parameter is one of its numbers: {listed(numbers)}" if numbers else "which has no parameters"
+        raise ParameterError(f"{quoted(name)} is a whole {wholes[0].keyword}, {having}.")
     if not owners:
         names = list(dict.fromkeys(block.name for block in known))
-        named = next((block for block in known if block.name == name), known[0])
-        example = listed(f"{named.name}.{one.name}" for one in named.type.continuous)
+        example = listed(f"{known[0].name}.{one.name}" for one in known[0].type.continuous)
         guess = did_you_mean(block_name or name, names)
         raise ParameterError(
             f"{quoted(name)} is no parameter of this scene: one is written block.attribute, as {example}.{guess} "
             f"Blocks of this scene: {listed(names)}."
         )
-    # The blocks' own attributes come first, then those of the shapes' materials.
-    materials = [(material_of(scene, block), block.name) for block in owners if block.type.is_shape]
-    reached = [*((block, None) for block in owners), *materials]
     for block, shape in reached:
         attribute = block.type.find(attribute_name)
         if attribute is not None and attribute.value_type == "number":

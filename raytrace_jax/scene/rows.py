@@ -16,7 +16,7 @@ from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.errors import PictureError, RaytraceError, SceneError, SceneWarning
-from raytrace_jax.images.pictures import read_picture, states_colours
+from raytrace_jax.images.pictures import read_whole_picture, states_colours
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType, is_name
 from raytrace_jax.scene.setting_words import ModelName
@@ -295,7 +295,7 @@ def _read_texels(block: Description, dtype: np.dtype) -> Float[Array, "3 height 
         if transfer is None and not states_colours(path):
             how = "does not say how its numbers were made: add transfer srgb or course"
             raise refuse(f"the picture {quoted(str(value))} {how}")
-        return jnp.asarray(read_picture(path, transfer=transfer), dtype)
+        return jnp.asarray(read_whole_picture(path, transfer=transfer), dtype)
     except PictureError as reason:
         raise refuse(f"the texture cannot be read: {reason}") from None
 

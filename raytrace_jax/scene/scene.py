@@ -78,7 +78,12 @@ class Scene(eqx.Module):
         return get_parameter(self, name)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the scene as a `model.txt` file, and beside it the pictures of its textures; see `save_scene`."""
+        """Write the scene as a `model.txt` file, and beside it the pictures of its textures; see `save_scene`.
+
+        Raises:
+            ModelFileError: the scene holds what no file can say.
+            RaytraceError: the file cannot be written.
+        """
         from raytrace_jax.scene.writer import save_scene
 
         save_scene(self, path, model=self.model)

@@ -11,7 +11,7 @@ import numpy as np
 
 from raytrace_jax.errors import ModelFileError, PictureError, SceneError
 from raytrace_jax.images.exr import write_exr
-from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.images.pictures import read_whole_picture
 from raytrace_jax.scene.parameters import Block, blocks, scene_model
 from raytrace_jax.scene.reader import CLOSING, Token, TokenStream, read_blocks
 from raytrace_jax.scene.rows import HEAD
@@ -166,7 +166,7 @@ def _is_found(images: Images, k: int, folder: Path) -> bool:
     if not images.file[k] or not (folder / images.file[k]).is_file():
         return False
     try:
-        stored = read_picture(folder / images.file[k], transfer=images.transfer[k])
+        stored = read_whole_picture(folder / images.file[k], transfer=images.transfer[k])
     except PictureError:
         return False
     return np.array_equal(stored.astype(images.texels[k].dtype), np.asarray(images.texels[k]))

@@ -27,7 +27,7 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_sett
 from raytrace_jax.tracer.run import Capacity
 from raytrace_jax.tracer.settings import AOVS, RenderSettings
 from raytrace_jax.util.numerics import is_traced
-from raytrace_jax.util.session import free_memory
+from raytrace_jax.util.session import lack_of_memory
 
 Image = Float[Array, "3 height width"]
 
@@ -93,19 +93,13 @@ class Film(eqx.Module):
 def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int = 0) -> None:
     """Raise PictureError where there is no memory for a picture, and SettingsError of a crop outside of it."""
     _, _, width, height = settings.window(scene.camera.pixeldim)
-    # Smaller pictures fit anywhere, and to ask how much memory there is takes some fifty microseconds.
-    if width * height < 4_000_000:
-        return
     channels = 3 * (1 + derivatives) + sum(len(AOVS[name].channels) for name in settings.aov)
     # A channel of a pixel is rendered and written in several copies. Between pictures of 1024 and 2048 pixels a side
     # the peak grows by 34 bytes (OpenEXR), 32 (PNG), 37 (64 bits) and, with a derivative, 31.
-    needed = 30 * channels * width * height
-    free = free_memory()
-    if free is not None and needed > free:
+    if lack := lack_of_memory(30 * channels * width * height):
         by = f" with derivatives by {derivatives} numbers" if derivatives else ""
         raise PictureError(
-            f"a picture of {width} x {height} pixels{by} needs about {needed / 1e9:.3g} GB of memory, and "
-            f"{free / 1e9:.3g} GB are free: render it in parts (--crop), or smaller (--size)."
+            f"a picture of {width} x {height} pixels{by} {lack}: render it in parts (--crop), or smaller (--size)."
         )
 
 

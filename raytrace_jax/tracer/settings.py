@@ -97,7 +97,7 @@ class RenderSettings(Checked):
     """Let rays inside of a sphere hit its far side; off, they miss it."""
     reflection: bool = True
     """Follow the mirror ray of the specular colour, in the additive model of the reflectivity; off, there is none."""
-    aov: Annotated[tuple[AovName, ...], Wanted(metavar="NAME ...")] = ()
+    aov: tuple[AovName, ...] = ()
     """More channels for the OpenEXR file: depth, normal, position, shape_index, bounce_count."""
     edges: words.EdgeMode | None = None
     """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.

@@ -75,6 +75,15 @@ def free_memory() -> int | None:
     return min(_bounds(), default=None)
 
 
+def lack_of_memory(needed: int) -> str:
+    """How so many bytes do not fit: `needs about 3 GB of memory, and 2 GB are free`; empty where they fit."""
+    # So few fit anywhere, and to ask how much memory there is takes some fifty microseconds.
+    free = free_memory() if needed > 100_000_000 else None
+    if free is None or needed <= free:
+        return ""
+    return f"needs about {needed / 1e9:.3g} GB of memory, and {free / 1e9:.3g} GB are free"
+
+
 def _bounds() -> Iterator[int]:
     with contextlib.suppress(ImportError, AttributeError, OSError, ValueError):  # Windows has none of it.
         import resource

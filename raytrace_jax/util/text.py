@@ -101,33 +101,37 @@ PAPERS: dict[PaperName, tuple[float, float]] = {"a4": (297.0, 210.0), "a3": (420
 LENGTH = re.compile(rf"\s*({_NUMBER.pattern})\s*([A-Za-zµ]*)\s*")
 
 
+LENGTH_WANTED = "a length with its unit is wanted, as 10mm, 1cm or 0.4in"
+
+
 def millimetres(text: str) -> float:
     """The millimetres of a length such as `10mm`, `1 cm` or `0.4in`.
 
     Raises:
         RaytraceError: it is no number with a unit, or not greater than 0.
     """
-    length, _ = _length(text, text, "a length with its unit is wanted, as 10mm, 1cm or 0.4in")
+    length, _ = _length(text, text, LENGTH_WANTED)
     return _positive(length, text)
 
 
-def with_tolerance(text: str) -> tuple[float, float]:
+def with_tolerance(text: str, may_be_zero: bool = False) -> tuple[float, float]:
     """A length and its standard deviation, both in millimetres, of a text such as `40+-0.02mm` or `4cm+-0.2mm`.
 
-    `+/-` and `±` do as well, and the length may leave its unit to the deviation, which is 0 if none is given.
+    `+/-` and `±` do as well, and the length may leave its unit to the deviation, which is 0 if none is given. What
+    `may_be_zero` may be missing, and has no deviation then.
 
     Raises:
         RaytraceError: a part is no number with a unit, the length is not greater than 0, or the deviation is below 0.
     """
     value, *deviation = re.split(r"\+-|\+/-|±", text, maxsplit=1)
-    if not deviation:
-        return millimetres(text), 0.0
-    wanted = "a length and its standard deviation are wanted, as 40+-0.02mm, with one +-"
-    sigma, unit = _length(deviation[0], text, wanted)
+    wanted, sigma, unit = LENGTH_WANTED, 0.0, ""
+    if deviation:
+        wanted = "a length and its standard deviation are wanted, as 40+-0.02mm, with one +-"
+        sigma, unit = _length(deviation[0], text, wanted)
     if sigma < 0:
         raise RaytraceError(f"{quoted(text)}: a standard deviation is 0 or greater.")
     length, _ = _length(value, text, wanted, unit)
-    return _positive(length, text), sigma
+    return length if may_be_zero and length == sigma == 0 else _positive(length, text), sigma
 
 
 def _length(text: str, whole: str, wanted: str, unit: str = "") -> tuple[float, str]:

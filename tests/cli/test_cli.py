@@ -2,14 +2,13 @@
 
 import dataclasses
 import json
-from typing import get_args, get_type_hints
+from typing import get_args
 
 import numpy as np
 import pytest
 from command_line import run
 from fake_fit import VITREOUS, fake_result
 from PIL import Image
-from tyro.conf import Positional, Suppress
 
 import raytrace_jax
 from raytrace_jax import (
@@ -24,7 +23,6 @@ from raytrace_jax import (
     set_parameters,
     write_png,
 )
-from raytrace_jax.cli.dispatch import COMMANDS
 from raytrace_jax.cli.options import RenderOptions
 from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.inverse.result import Status
@@ -257,32 +255,3 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, replace_work, cap
     assert len(phases) == 1 + len(expected.history.steps)
     assert phases[-1].startswith("start 1  blur 0 px  step 1 (rejected)  cost 0.6  vitreous.ior 1.337")
     assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == status
-
-
-def option_names(options):
-    """The options of a command, as `max_steps`, those of its parts included; its positional arguments are none."""
-    hints = get_type_hints(options, include_extras=True)
-    marks = {Positional[int].__metadata__[0], Suppress[int].__metadata__[0]}
-    for field in dataclasses.fields(options):
-        if dataclasses.is_dataclass(field.default):
-            yield from option_names(type(field.default))
-        elif not marks.intersection(getattr(hints[field.name], "__metadata__", ())):
-            yield {"assignments": "define", "liquid": "in"}.get(field.name, field.name)
-
-
-def test_every_command_explains_every_option(capsys):
-    places = {"scene": "SCENE", "target": "TARGET", "plan": "PLAN.toml", "file": "FILE.xml", "photos": "PHOTO ..."}
-    for name, entry in COMMANDS.items():
-        assert run(name, "--help") == 0
-        text = " ".join(capsys.readouterr().out.replace("│", " ").split())
-        assert "--correlations" not in text
-        assert all(f"--{option.replace('_', '-')}" in text for option in option_names(entry.options))
-        names = {field.name for field in dataclasses.fields(entry.options)}
-        assert all(f" {places[name]} " in text for name in names & set(places))
-        assert "Example: raytrace-jax" in text
-        assert "(default: None)" not in text and "INT INT" not in text and "[bold]" not in text
-    assert run("--help") == 0
-    text = capsys.readouterr().out
-    assert all(word in text for word in (*COMMANDS, "--version", "Exit codes"))
-    assert run("--version") == 0
-    assert capsys.readouterr().out == f"raytrace-jax {raytrace_jax.__version__}\n"

@@ -25,7 +25,9 @@ def file(tmp_path):
 
 
 def test_entries_are_options(file):
-    assert with_config(["fit", "a.txt", "b.exr", "--config", str(file)]) == [
+    given = ["fit", "a.txt", "b.exr"]
+    assert with_config([*given, f"--config={file}"]) == with_config([*given, "--config", str(file)])
+    assert with_config([*given, "--config", str(file)]) == [
         *("fit", "a.txt", "b.exr", "--free", "glass.ior", "glass.center", "--no-search", "--max-steps", "80"),
         *("--size", "16", "12", "--output", "out", "--define", "glass.ior=1.5", "glass.center=0,0.5,-1"),
     ]

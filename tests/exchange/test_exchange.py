@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from command_line import run
-from exchange_scenes import CAMERA, CHECKS, PICTURE, SIZE, board
+from exchange_scenes import CAMERA, CHECKS, PICTURE, SIZE, board, pane
 
 from raytrace_jax import (
     RenderSettings,
@@ -32,11 +32,81 @@ def test_the_xml_has_the_scene(tmp_path):
     assert numbers("outer") == {"int_ior": 1.62, "ext_ior": 1.0} and numbers("inner")["ext_ior"] == 1.62
     assert scene.find("shape[@id='outer']/bsdf").get("type") == "dielectric"
     assert scene.find("shape[@id='inner']/medium[@name='exterior']").get("type") == "homogeneous"
-    assert scene.find("bsdf[@id='steel']").get("type") == "conductor"
-    assert scene.find("shape[@id='mirror']/ref").attrib == {"id": "steel"}
+    assert scene.find("shape/bsdf[@id='steel']").get("type") == "conductor"
+    assert scene.find("shape[@id='other']/ref").attrib == {"id": "steel"}
     origin = scene.find("sensor[@id='eye']/transform[@name='to_world']/lookat").get("origin")
     assert tuple(map(float, origin.split(","))) == CAMERA["viewpoint"]
     assert (tmp_path / scene.find("emitter[@id='all']/string[@name='filename']").get("value")).is_file()
+
+
+def media(path):
+    """Of each surface of glass the indices inside and outside, and whether what is there absorbs."""
+    root = ElementTree.parse(path).getroot()
+    bsdfs = {one.get("id"): one for one in root.iter("bsdf")}
+    found = {}
+    for shape in root.iter("shape"):
+        ref = shape.find("ref")
+        bsdf = shape.find("bsdf") if ref is None else bsdfs[ref.get("id")]
+        if bsdf.get("type") == "dielectric":
+            indices = {one.get("name"): float(one.get("value")) for one in bsdf.iter("float")}
+            roles = {one.get("name") for one in shape.iter("medium")}
+            found[shape.get("id")] = tuple(
+                (indices[f"{side}_ior"], role in roles) for side, role in (("int", "interior"), ("ext", "exterior"))
+            )
+    return found
+
+
+AIR, GLASS, WATER = (1.0, False), (1.5, True), (1.25, False)
+
+SURFACES = {
+    "slab": {"window air": (AIR, GLASS), "window inside": (GLASS, AIR), "bubble": (AIR, GLASS)},
+    "walls": {
+        "window air": (AIR, WATER),
+        "window back": (WATER, GLASS),
+        "window inside": (GLASS, WATER),
+        "window front": (WATER, AIR),
+        "bubble": (AIR, GLASS),
+    },
+    "planes": {"behind": (AIR, GLASS), "front": (GLASS, AIR), "bubble": (AIR, GLASS)},
+    "oil": {"sea": (WATER, GLASS), "stone": (WATER, GLASS), "bubble": (AIR, WATER)},
+}
+"""Of the shapes of `pane`, in the words of a file of Mitsuba; found on paper."""
+
+
+@pytest.mark.parametrize("kind", SURFACES)
+def test_surfaces_have_the_media_of_both_sides(kind, tmp_path):
+    lost = export_scene(pane(kind), tmp_path / "a.xml", "mitsuba")
+    assert media(tmp_path / "a.xml") == SURFACES[kind]
+    assert not any("overlap" in one for one in lost)
+
+
+def test_ids_come_once(tmp_path):
+    scene = build.make_scene(
+        build.camera("ball", **CAMERA),
+        build.background("wall", radiance=(0.5, 0.5, 0.5), texture="wall"),
+        build.light("ball", location=(1.0, 2.0, 3.0), emissivity=(1.0, 1.0, 1.0)),
+        build.texture("wall", **PICTURE),
+        build.material("wall", emission=(1.0, 1.0, 1.0), texture="wall"),
+        build.material("glow", emission=(0.5, 0.5, 0.5), texture="wall"),
+        build.material("ball", transmission=1.0, ior=1.5),
+        *(
+            build.rectangle(name, material=of, center=(0.0, 0.0, z), right=(2.0, 0.0, 0.0), up=(0.0, 2.0, 0.0))
+            for name, of, z in (("wall", "wall", -2.0), ("glow", "glow", -3.0), ("third", "wall", -4.0))
+        ),
+        build.sphere("ball", material="ball", center=(0.0, 0.0, 0.0), radius=1.0),
+        build.sphere("ball2", material="ball", center=(2.0, 0.0, 0.0), radius=0.4),
+        model="physical",
+    )
+    export_scene(scene, tmp_path / "a.xml", "mitsuba")
+    root = ElementTree.parse(tmp_path / "a.xml").getroot()
+    ids = [one.get("id") for one in root.iter() if one.tag != "ref" and one.get("id")]
+    assert len(ids) == len(set(ids)) and {one.get("id") for one in root.iter("ref")} <= set(ids)
+    assert {"ball", "ball.bsdf", "ball.shape", "ball2"} <= set(ids)
+    # A picture as the sky, as a board and half as bright: a file each.
+    files = {one.get("value") for one in root.iter("string") if one.get("name") == "filename"}
+    assert files == {"a.wall.exr", "a.wall.2.exr", "a.wall.3.exr"}
+    stored = read_exr(tmp_path / "a.wall.3.exr").channels
+    np.testing.assert_array_equal(stored["G"], PICTURE["file"][1] / 2)
 
 
 LOSSES = {
@@ -125,12 +195,12 @@ def test_pov_ray_renders_the_same_picture(name, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["two_balls", "bubble", "board", "checks", "aside"])
+@pytest.mark.parametrize("name", ["two_balls", "bubble", "board", "checks", "aside", "slab", "walls"])
 def test_mitsuba_renders_the_same_picture(name, tmp_path):
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("scalar_rgb")
     boards = {"board": PICTURE, "checks": CHECKS, "aside": PICTURE}
-    scene = board(**boards[name]) if name in boards else load_scene(name)
+    scene = pane(name) if name in SURFACES else board(**boards[name]) if name in boards else load_scene(name)
     if name == "aside":
         scene = build.make_scene(
             build.camera("eye", **CAMERA, center=(40.0, 12.0)),
@@ -185,6 +255,11 @@ def test_light_inside_glass_is_named(tmp_path):
 
     ball = build.sphere("ball", material="clear", center=(0.0, 0.0, 0.0), radius=1.0)
     bulb = build.sphere("bulb", material="lit", center=(0.1, 0.0, 0.0), radius=0.2)
-    assert lost(ball, bulb) and lost(ball, eye=(0.0, 0.1, 0.0))
-    assert lost(build.plane("sea", material="clear", normal=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.0)))
-    assert not lost(ball) and not lost(bulb)
+    sky = build.background("sky", radiance=(1.0, 1.0, 1.0))
+    assert lost(ball, bulb) and lost(ball, sky, eye=(0.0, 0.1, 0.0))
+    sea = build.plane("sea", material="clear", normal=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.0))
+    # Half of the sky is below the surface.
+    assert lost(sea, sky) and lost(sea, bulb)
+    assert not lost(ball) and not lost(bulb) and not lost(sea)
+    # Eye and lamp in one medium: no path comes out scaled.
+    assert not lost(sea, bulb, eye=(0.4, -0.3, 4.0))

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from command_line import run
-from exchange_scenes import CAMERA, CHECKS, PICTURE, board
+from exchange_scenes import CAMERA, CHECKS, PICTURE, board, pane
 
 from raytrace_jax import (
     RenderSettings,
@@ -90,6 +90,41 @@ def test_center_and_lights_come_back(tmp_path):
     for blocks in (expected, found):
         blocks["camera", "eye"].pop("center")
     assert found == expected
+
+
+@pytest.mark.parametrize("kind", ["slab", "walls", "planes", "oil"])
+def test_flat_glass_comes_back(kind, tmp_path):
+    scene, settings = pane(kind), RenderSettings(size=(16, 12))
+    export_scene(scene, tmp_path / "scene.xml", "mitsuba")
+    again, not_read = import_scene(tmp_path / "scene.xml", dtype=np.float64)
+    assert not not_read
+    np.testing.assert_allclose(render(again, settings).image, render(scene, settings).image, rtol=0, atol=1e-9)
+    # Materials that shapes share stay one.
+    names = {"slab": {"air_behind", "glass"}, "walls": {"air_behind", "window_wall", "glass"}}
+    assert set(again.materials.names) == {
+        "board",
+        "air",
+        *names.get(kind, {"glass"} if kind == "planes" else {"water"}),
+    }
+
+
+def test_names_that_kinds_share_come_back(tmp_path):
+    scene = build.make_scene(
+        build.camera("ball", **CAMERA),
+        build.texture("wall", **CHECKS),
+        build.material("wall", emission=(1.0, 1.0, 1.0), texture="wall"),
+        build.material("glow", emission=(0.5, 0.5, 0.5), texture="wall"),
+        build.material("ball", transmission=1.0, ior=1.5),
+        build.rectangle("wall", material="wall", center=(0.0, 0.0, -2.0), right=(2.0, 0.0, 0.0), up=(0.0, 2.0, 0.0)),
+        build.rectangle("glow", material="glow", center=(0.0, -2.0, 0.0), right=(3.0, 0.0, 0.0), up=(0.0, 0.0, -2.0)),
+        build.sphere("ball", material="ball", center=(0.0, 0.0, 0.0), radius=1.0),
+        build.sphere("ball2", material="ball", center=(2.0, 0.0, 0.0), radius=0.4),
+        model="physical",
+        dtype=np.float64,
+    )
+    _, again = round_trip(scene, tmp_path)
+    assert again.shape_order == scene.shape_order and again.materials.names == scene.materials.names
+    assert again.checkers.names == ("wall", "wall2") and again.camera.name == "ball"
 
 
 SENSOR = '<scene version="3.0.0"><sensor type="perspective" id="eye">{}</sensor></scene>'

@@ -155,6 +155,15 @@ def test_public_functions_say_their_returns():
             assert "\nReturns:\n" in summary or summary.startswith(("The ", "Return ")), name
 
 
+def test_public_members_have_words():
+    for name in raytrace_jax.__all__:
+        found = getattr(raytrace_jax, name)
+        if inspect.isclass(found) and not issubclass(found, Exception):
+            members = {key: one for key, one in vars(found).items() if not key.startswith("_")}
+            own = [key for key, one in members.items() if inspect.isroutine(one) or isinstance(one, property)]
+            assert all(inspect.getdoc(members[key]) for key in own), (name, own)
+
+
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 PICTURE = PAGE.partition("```mermaid")[2].partition("```")[0]
 

@@ -1,13 +1,16 @@
 """What a maintainer finds beside the code: citation, classifiers, addresses, guide, forms and CI say the same."""
 
 import re
+import shutil
 import tomllib
+from fnmatch import fnmatch
 
 import pytest
 import yaml
 from test_imports import ROOT
 
-from raytrace_jax import __version__
+from raytrace_jax import __version__, load_scene
+from raytrace_jax.scene.bundled import bundled_scenes, scene_folder
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -34,6 +37,21 @@ def test_package_index_links_are_absolute():
     pairs = re.findall(re.escape(source) + r"/(raw|blob)/v\$HFPR_VERSION/([^)#]*)", text)
     assert {kind for kind, _ in pairs} == {"raw", "blob"} and all((ROOT / path).is_file() for _, path in pairs)
     assert {path for kind, path in pairs if kind == "raw"} == {path for _, path in pairs if "/images/" in path}
+
+
+def test_the_wheel_has_all_that_scenes_read(tmp_path):
+    """Loaded from a folder with what goes into the wheel, as .ci/installed loads them from the wheel itself."""
+    wheel = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert wheel["only-include"] == ["raytrace_jax", "data"] and wheel["sources"] == {"data": "raytrace_jax/data"}
+    kept_out = [
+        path
+        for path in (ROOT / "data").iterdir()
+        if any(fnmatch(f"/data/{path.name}", rule) for rule in wheel["exclude"])
+    ]
+    shutil.copytree(scene_folder(), tmp_path / "data", ignore=lambda *_: [path.name for path in kept_out])
+    for path in bundled_scenes().values():
+        load_scene(tmp_path / "data" / path.name)
+    assert {path.suffix for path in kept_out} <= {".exr", ".md"} and len(kept_out) == 3
 
 
 @pytest.mark.parametrize("name", ["CONTRIBUTING.md", "SECURITY.md", "CODE_OF_CONDUCT.md"])

@@ -55,8 +55,7 @@ def test_the_exif_orientation_is_obeyed(orientation, suffix, tmp_path):
     exif, path = Image.Exif(), tmp_path / f"a{suffix}"
     exif[0x0112] = orientation
     Image.fromarray(np.ascontiguousarray(TURNED[orientation])).save(path, exif=exif, quality=98, subsampling=0)
-    with pytest.warns(PictureWarning, match=rf"orientation {orientation}\): upright it is 48 x 32"):
-        found = read_picture(path)
+    found = read_picture(path)  # A warning would be an error.
     np.testing.assert_allclose(found, DECODERS["srgb"](np.moveaxis(SMOOTH, -1, 0)), atol=0.03)
 
 

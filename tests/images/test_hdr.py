@@ -124,7 +124,7 @@ MIXED = HEAD + b"\n-Y 2 +X 20\n" + b"".join(map(coded, PIXELS, (CHANNEL_RUNS, PI
             b"PRIMARIES=.7 .3 .2 .8 .1 .1 .3 .3",
         )),
         (HEAD + b"\n-Y 0 +X 4\n" + RUN, "cannot be read: "),
-        (HEAD + b"\n-Y 99999999 +X 9\n" + RUN, "is truncated"),
+        (HEAD + b"\n-Y 9999999 +X 9\n" + RUN, "is truncated"),
         (hdr_bytes(PIXELS, PIXEL_RUNS), "runs of pixels in Radiance's old coding, which is not read"),
         (HEAD + b"\n-Y 1 +X 2\n" + RUN + b"\1\1\1\1", "runs of pixels in Radiance's old coding"),
         (MIXED + bytes(99), "runs of pixels in Radiance's old coding"),

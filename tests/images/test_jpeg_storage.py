@@ -27,7 +27,6 @@ def turned_jpeg(orientation, **options):
 
 @pytest.mark.parametrize("orientation", [1, 3, 6, 8, 5])
 @pytest.mark.parametrize("options", [{"quality": 90}, {"quality": 60, "subsampling": 2}])
-@pytest.mark.filterwarnings("ignore::raytrace_jax.PictureWarning")
 def test_a_picture_is_compressed_as_the_file(orientation, options, tmp_path):
     """Also a part of it, whatever squares it begins and ends in, but for those that it does not fill."""
     (tmp_path / "a.jpg").write_bytes(turned_jpeg(orientation, **options))

@@ -121,7 +121,6 @@ def pixels_of_an_exr(aspect, tmp_path):
         (lambda folder: pixels_of_an_exr(0.9999, folder), 1),
     ],
 )
-@pytest.mark.filterwarnings("ignore:.*that it is turned:raytrace_jax.PictureWarning")
 def test_pixels_that_are_not_square_are_told(make, aspect, tmp_path):
     (tmp_path / "a.picture").write_bytes(make(tmp_path))
     if aspect == 1:

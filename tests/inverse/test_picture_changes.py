@@ -99,8 +99,9 @@ def test_a_number_at_its_limit_moves_inward():
     (place,) = [k for k, name in enumerate(numbers) if name == "cyan.alpha"]
     pixels = pixels_of(problem, "point", np.ones((30, 40), bool))
     found = number_changes(pixels, numbers)[place].reshape(3, 30, 40)
-    wanted = picture_derivatives(scene, ["vitreous.alpha"], SETTINGS).values[0]
-    wanted = np.asarray(wanted)
+    # Points are compared with points: without `edges` a derivative is that of areas, 18 % off for edges in the glass.
+    points = dataclasses.replace(SETTINGS, edges="point")
+    wanted = np.asarray(picture_derivatives(scene, ["vitreous.alpha"], points).values[0])
     assert relative(found, wanted) < 0.05
     assert np.mean(np.abs(found - wanted) > 1e-5 * np.abs(wanted).max()) < 0.005, "but for pixels that bend at a rim"
 

@@ -18,6 +18,7 @@ from raytrace_jax.photo.bundle import Known
 from raytrace_jax.photo.geometry import AT, COUNT, Setup
 from raytrace_jax.photo.lens import LensPrior, write_lens
 from raytrace_jax.photo.locate import Diagnostics, Located, NotLocated, Together
+from raytrace_jax.photo.opinions import told
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.photograph import Corners
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
@@ -26,6 +27,7 @@ from raytrace_jax.report.photo_sheet import draw_refused
 PATTERN = Pattern(6, 5, 10.0)
 PHOTO = ["photo", "photo.png", "--board", "board.txt", "-o", "out"]
 BALL = [*PHOTO, "--radius", "20mm"]
+TANK = [*PHOTO, "--tank", "60mm", "--wall", "0mm"]
 CALIBRATE = ["calibrate", "--board", "board.txt", "-o", "new/camera.toml"]
 
 
@@ -55,8 +57,12 @@ BAD_INPUT = [
     ),
     (2, [*BALL, "--in", "0.9"], ["--in: an index above 1", "as 1.333+-0.001"]),
     (2, [*BALL, "--in", "1.333", "--fit"], ["--fit: is for a ball in air, and --in came"]),
-    (2, [*PHOTO, "--tank", "60mm", "--in", "1.333"], ["--in: is for a ball, and --tank came"]),
-    (2, [*PHOTO, "--tank", "60mm", "--fit"], ["--fit: is for a ball, and --tank came"]),
+    (2, [*PHOTO, "--tank", "60mm"], ["--wall: thickness and index", "write --wall 0mm for a tank without"]),
+    (2, [*PHOTO, "--tank", "60mm", "--wall", "0+-0.1mm"], ["--wall: '0+-0.1mm' came, and a length greater than 0"]),
+    (2, [*BALL, "--wedge", "0+-0.1deg"], ["--wedge: is of a tank, and --tank is missing"]),
+    (2, [*TANK, "--wedge", "1deg"], ["--wedge: '1deg' came, and a standard deviation below 10 degrees is wanted"]),
+    (2, [*TANK, "--in", "1.333"], ["--in: is for a ball, and --tank came"]),
+    (2, [*TANK, "--fit"], ["--fit: is for a ball, and --tank came"]),
     (2, [*PHOTO[:4], "--radius", "20mm"], ["--output"]),
     (2, ["photo", "photo.png", "--radius", "20mm", "-o", "out"], ["--board"]),
     (2, ["photo", *BALL[2:]], ["PHOTO: no photograph came"]),
@@ -98,6 +104,7 @@ def test_bad_input_is_one_early_message(code, arguments, words, folder, monkeypa
     if code == 1:
         assert captured.err.count("error: ") == 1
     message = " ".join(captured.err.replace("│", " ").split())
+    assert "counts as" not in captured.err
     for word in words:
         assert word in message
     assert sorted(folder.rglob("*")) == before
@@ -116,8 +123,16 @@ def test_unmeasured_lengths_are_uncertain(folder, monkeypatch, capsys):
     capsys.readouterr()
     assert run(*PHOTO, "--radius", "20+-0.01mm", "--ruler", "9.98cm") == 1
     warned = " ".join(capsys.readouterr().err.split())
-    assert "--ruler has no standard deviation and counts as exact: state it as 99.93+-0.03mm" in warned
+    assert "--ruler has no standard deviation above 0 and counts as exact: state it as 99.93+-0.03mm" in warned
     assert "--radius has" not in warned
+    assert run(*PHOTO, "--tank", "60+-0mm", "--wall", "3mm,1.49", "--ruler", "100+-0.1mm") == 1
+    assert given[4][2]["wall"] == pytest.approx((3, 0.003)), "the ruler's share"
+    warned = " ".join(capsys.readouterr().err.split())
+    assert "--tank has no standard deviation above 0 and counts as exact: state it as 60.2+-0.05mm" in warned
+    assert "--wall has no standard deviation above 0 and counts as exact: state it as 3+-0.1mm,1.49" in warned
+    assert run(*TANK) == 1 and given[5][2].keys() == {"thickness", "wedge"}
+    assert given[5][2]["wedge"] == (0, pytest.approx(np.radians(0.2)))
+    assert "--wall" not in capsys.readouterr().err
 
 
 def located_at(numbers, error):
@@ -149,6 +164,13 @@ def corners_say(monkeypatch, known):
     }.items():
         monkeypatch.setattr(f"raytrace_jax.cli.actions.photo.{name}", stand_in)
     return drawn
+
+
+@pytest.mark.parametrize("wall", [0.0, 3.0])
+def test_walls_are_told_where_there_are_any(wall):
+    numbers = (AT.vector + 0.5) * ~np.isin(AT.vector, [AT.radius, *AT.walls, AT.depth])
+    numbers[AT.wall] = wall
+    assert ("wall" in told(located_at(numbers, 0.012))["parameters"]) == (wall > 0)  # pyright: ignore
 
 
 def test_long_writes_errors_out(folder, monkeypatch, capsys):

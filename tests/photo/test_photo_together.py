@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from raytrace_jax import PictureError, write_png
 from raytrace_jax.cli import main
+from raytrace_jax.errors import PictureWarning
 from raytrace_jax.images.exif import TURNS
 from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
 from raytrace_jax.photo.find_camera import FoundCamera, calibrate
@@ -20,6 +21,7 @@ from raytrace_jax.photo.lens import LensPrior, Turn
 from raytrace_jax.photo.opinions import Budget, budget, contradictions
 from raytrace_jax.photo.photograph import Corners, photograph_of
 from raytrace_jax.photo.sight import Sight
+from raytrace_jax.photo.turned import turned_alike
 
 TRUE_LENS = np.array([35.0, -0.05, 0.01, 0.004, -0.003])
 KNOWN_LENS = LensPrior(
@@ -33,7 +35,7 @@ COMMON = [*AT.lens, AT.ior, AT.radius]
 
 
 def setup_of(pose, lens, center):
-    return Setup.of(np.concatenate([pose, lens, [INDEX], center, [RADIUS], np.zeros(7)]))
+    return Setup.of(np.concatenate([pose, lens, [INDEX], center, [RADIUS], np.zeros(9)]))
 
 
 def view_of(place, turn=None, seed=0, noise=0.05):
@@ -190,6 +192,46 @@ def test_turned_pictures_give_the_same_lens(turns, board, monkeypatch):
     assert np.all(np.abs(found.lens.mean - LENS.mean) < 0.1 * np.sqrt(np.diagonal(found.lens.covariance)))
 
 
+def pictures_of_turned(monkeypatch, taken, lens, zoom=1.0):
+    """Three pictures by a lens and one that was turned without EXIF, whose cameras follow from corners with noise."""
+    random = np.random.default_rng(0)
+    places = np.stack(np.meshgrid(np.arange(-60, 61, 15.0), np.arange(-45, 46, 15.0)), -1).reshape(-1, 2)
+    tilts = dict(zip(("a", "b", "c", "turned"), ((0.5, 0.2), (-0.5, 0.3), (0.2, -0.5), (0.4, 0.4)), strict=True))
+
+    def find(photograph, _, known):
+        is_turned = photograph.name == "turned"
+        seen_by = lens._replace(mean=lens.mean * [zoom, 1, 1, 1, 1]) if is_turned else lens
+        truth = Turn(SIZE, after=taken if is_turned else 1).of(seen_by).mean
+        setup = setup_of([np.pi, *tilts[photograph.name], 0, 0, 250], truth, [0, 0, 0])
+        pixels = Sight(setup, photograph.size).where(places) + 0.03 * random.normal(size=places.shape)
+        corners = Corners(pixels, places, np.full(len(places), 0.03))
+        view = PhotoView(setup, photograph.size, corners, Corners.none())
+        (done,) = adjust([view], known_before(known)).views
+        return FoundCamera(**vars(done), view=view, blur=0.5)
+
+    monkeypatch.setattr("raytrace_jax.photo.turned.find_camera", find)
+    pictures = [photograph_of(np.ones((3, HEIGHT, WIDTH)), name) for name in "abc"]
+    return [photograph_of(np.ones((3, WIDTH, HEIGHT)), "turned"), *pictures]
+
+
+@pytest.mark.parametrize(("taken", "side"), [(6, "clockwise"), (8, "counterclockwise")])
+def test_a_turn_without_exif_is_found(taken, side, board, monkeypatch):
+    """Nothing but the others' lens tells to which side the first one was turned."""
+    pictures = pictures_of_turned(monkeypatch, taken, LENS)
+    with pytest.warns(PictureWarning, match=f"turned: has 480 x 640 .* turned by a quarter {side}: it is taken"):
+        alike = turned_alike(pictures, board)
+    assert [one.orientation for one in alike] == [taken, 1, 1, 1]
+    assert turned_alike(alike, board) == alike
+
+
+@pytest.mark.parametrize(("center", "zoom"), [(0, 1), (1, 1.1)], ids=["both turns fit", "no turn fits"])
+def test_an_unclear_turn_is_refused(center, zoom, board, monkeypatch):
+    """A lens in the middle of its pictures is the same after both turns; one of another angle is so after none."""
+    pictures = pictures_of_turned(monkeypatch, 6, LENS._replace(mean=LENS.mean * [1, 1, 1, center, center]), zoom)
+    with pytest.raises(PictureError, match=r"turned has 480 x 640 .* EXIF has to say so"):
+        turned_alike(pictures, board)
+
+
 def test_a_picture_of_another_zoom_is_named(board, monkeypatch):
     found_cameras(
         monkeypatch, lambda photograph: LENS._replace(mean=LENS.mean * (1.1 if photograph.name == "c" else 1))
@@ -200,11 +242,16 @@ def test_a_picture_of_another_zoom_is_named(board, monkeypatch):
 
 
 def photographed(board, setup, seed, ball=True):
-    """The light of the board as a camera sees it, with a ball or without."""
-    random, total = np.random.default_rng(seed), 0.0
-    for _ in range(9):
-        pixels = boards.middles() + random.uniform(-0.5, 0.5, (WIDTH * HEIGHT, 2))
-        total = total + boards.drawn(board, setup, pixels, [setup] * ball) / 9
+    """The light of the board as a camera sees it, with a ball or without.
+
+    There is one ray in each cell of every pixel. Of as many anywhere in the pixel edges have a noise of a tenth of the
+    light, and the patches of small squares, as they are seen through the ball, scatter by all that is allowed.
+    """
+    random, total, cells = np.random.default_rng(seed), 0.0, 4
+    for cell in np.ndindex(cells, cells):
+        within = np.array(cell) + random.uniform(0, 1, (WIDTH * HEIGHT, 2))
+        pixels = boards.middles() + within / cells - 0.5
+        total = total + boards.drawn(board, setup, pixels, [setup] * ball) / cells**2
     light = ndimage.gaussian_filter(0.05 + 0.8 * total, boards.BLUR)
     return light + boards.NOISE * random.normal(size=light.shape)
 

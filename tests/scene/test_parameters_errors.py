@@ -50,7 +50,7 @@ def test_two_names_of_a_number_are_refused(one, other):
         ("vitreous.ior.x", ["ior has no component 'x'", "single number"]),
         ("cam1.pixeldim", ["size option"]),
         ("vitreous.material", ["not a continuous parameter", "file"]),
-        ("vitreous", ["as vitreous.center, vitreous.radius."]),
+        ("vitreous", ["one of its numbers: vitreous.center, vitreous.radius, "]),
         ("ior", ["block.attribute", "cam1.viewpoint"]),
         ("", ["block.attribute"]),
         ("..x", ["'..x'"]),
@@ -134,3 +134,18 @@ def test_bad_assignments_say_why(text, word):
         parse_assignment(text)
     assert word in str(caught.value)
     assert repr(text) in str(caught.value)
+
+
+def test_a_block_is_told_its_numbers():
+    with pytest.raises(ParameterError) as error:
+        get_parameter(VITREOUS, "vitreous")
+    told = str(error.value)
+    assert told.startswith("'vitreous' is a whole sphere, and a parameter is one of its numbers: vitreous.center, ")
+    assert "Did you mean" not in told
+    names = re.findall(r"vitreous\.\w+", told)
+    assert len(names) == len(set(names)) > 2 and {"vitreous.radius", "vitreous.ior"} <= set(names)
+    assert "vitreous.emission" not in names  # Of another model.
+    assert all(get_parameter(VITREOUS, name).size for name in names)
+    words = "'vitreus' is no parameter .* Did you mean 'vitreous'?"
+    with pytest.raises(ParameterError, match=words):
+        get_parameter(VITREOUS, "vitreus")

@@ -103,6 +103,21 @@ def test_a_scene_without_light_is_told(model, source, lacks):
     assert scene_warnings(scene, model) == expected
 
 
+def test_matt_without_a_light_is_told():
+    words = "only light blocks shine on matt surfaces, and the scene has none."
+    scene = """camera eye { pixeldim 3 3 viewpoint 0 0 9 lookat 0 0 0 } background sky { radiance 1 1 1 }
+        material wall { diffuse 0.7 0.7 0.7 } material mirror { diffuse 0.1 0.1 0.1 reflectivity 0.9 }
+        sphere a { material wall center 0 0 0 radius 1 } sphere b { material mirror center 9 0 0 radius 1 }"""
+    one = parse_scene(scene, model="physical")
+    assert scene_warnings(one, "physical") == [f"a is matt and black: {words}"]
+    image = render(one).image
+    assert np.all(image[:, 1, 1] == 0) and np.all(image[:, 0, 0] == 1)
+    two = parse_scene(f"{scene} sphere c {{ material wall center 0 9 0 radius 1 }}", model="physical")
+    assert scene_warnings(two, "physical") == [f"a, c are matt and black: {words}"]
+    lit = parse_scene(f"{scene} light lamp {{ location 0 9 9 emissivity 1 1 1 }}", model="physical")
+    assert scene_warnings(lit, "physical") == []
+
+
 COLOURS = np.random.default_rng(0).uniform(size=(3, 3, 4))
 GRAY = np.repeat(COLOURS[:1], 3, axis=0)
 

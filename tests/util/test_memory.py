@@ -19,7 +19,7 @@ LARGE = resolved(size=(32768, 32768))
 @pytest.fixture
 def free(monkeypatch):
     """Let ten gigabytes be free; `free(function)`: what it says."""
-    set_free = functools.partial(monkeypatch.setattr, "raytrace_jax.tracer.rendering.free_memory")
+    set_free = functools.partial(monkeypatch.setattr, "raytrace_jax.util.session.free_memory")
     set_free(lambda: 10_000_000_000)
     return set_free
 

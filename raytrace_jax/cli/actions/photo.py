@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 
 from raytrace_jax.cli.actions.fit import NOT_CONVERGED, provenance
-from raytrace_jax.cli.actions.photo_input import measured_of, photographs_in
+from raytrace_jax.cli.actions.photo_input import measured_of, photographs_in, warn_of_unmeasured
 from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Calibrate, Photo
 from raytrace_jax.cli.preparation import check_file, check_folder
@@ -26,12 +26,13 @@ from raytrace_jax.photo.bundle import Measured
 from raytrace_jax.photo.find_camera import calibrate
 from raytrace_jax.photo.flattened import Flattened, flatten
 from raytrace_jax.photo.geometry import AT
-from raytrace_jax.photo.lens import Turn, read_lens, uncalibrated, write_lens
+from raytrace_jax.photo.lens import LensPrior, Turn, read_lens, uncalibrated, write_lens
 from raytrace_jax.photo.locate import Located, Together, locate_together
 from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, joined, shown, told_together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.photograph import Photograph
-from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene
+from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene, wedge_comment
+from raytrace_jax.photo.turned import turned_alike
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
 from raytrace_jax.scene.parameters import scalar_names
@@ -48,7 +49,8 @@ def run_calibrate(command: Calibrate) -> int:
     console = stderr_console(quiet=command.quiet)
     with jax_session(64), Timer("calibrating", console) as timer:
         board = read_board(command.board)
-        photographs = [photograph for _, photograph in photographs_in(command.photos, command.transfer, board)]
+        taken = [photograph for _, photograph in photographs_in(command.photos, command.transfer, board)]
+        photographs = turned_alike(taken, board)
         found = calibrate(photographs, board)
         timer.took("calibrating")
     comment = f"A lens by raytrace-jax calibrate, from {len(photographs)} pictures of {command.board.name}."
@@ -70,7 +72,6 @@ def run_photo(command: Photo) -> int:
     if not command.photos:
         raise UsageError("PHOTO: no photograph came, and one or several are wanted.")
     measured = measured_of(command)
-    check_folder(folder := command.output)
     console, several = stderr_console(quiet=command.quiet), len(command.photos) > 1
     options = (("--ball", command.ball is not None), ("--fit", command.fit), ("--in", command.liquid is not None))
     for option, is_given in options:
@@ -80,10 +81,16 @@ def run_photo(command: Photo) -> int:
             raise UsageError(f"{option}: is for a ball, and --tank came.")
     if command.fit and command.liquid:
         raise UsageError("--fit: is for a ball in air, and --in came.")
+    check_folder(folder := command.output)
     with jax_session(64):
         with Timer("corners", console) as timer:
             board = read_board(command.board)
             pictures = list(photographs_in(command.photos, command.transfer, board))
+            lens, first = None, pictures[0][1]
+            if command.camera is not None:
+                read = read_lens(command.camera, first.size_on_sensor)
+                lens = Turn(first.size_on_sensor, after=first.orientation).of(read)
+            warn_of_unmeasured(command)
             for _, photograph in pictures:
                 # Few steps of a file part paper and ink where the brightest hundredth is so dark.
                 if (white := float(np.percentile(photograph.light, 99))) < 0.03:
@@ -92,7 +99,10 @@ def run_photo(command: Photo) -> int:
                         "light that the file can hold. The index may be off by more than its error: let paper have "
                         "half."
                     )
-            together = _locate(command, [photograph for _, photograph in pictures], board, measured)
+            taken = [photograph for _, photograph in pictures]
+            together = _locate(
+                command, turned_alike(taken, board, is_tank="thickness" in measured), board, measured, lens
+            )
             ends = _ends(command.photos)
             for k, refusal in (together.refused | together.bare).items():
                 with atomic_write(folder / f"located{ends[k]}.png") as temporary:
@@ -104,7 +114,8 @@ def run_photo(command: Photo) -> int:
             flats, dark = {}, {}
             for k, located in together.located.items():
                 if command.tank:
-                    save_scene(tank_scene(located), folder / f"scene{ends[k]}.txt", model="physical")
+                    file, comments = folder / f"scene{ends[k]}.txt", wedge_comment(located)
+                    save_scene(tank_scene(located), file, model="physical", comments=comments)
                     continue
                 try:
                     flats[k] = flatten(pictures[k][0], located)
@@ -146,6 +157,7 @@ def run_photo(command: Photo) -> int:
 def _in_words(otherwise: Sequence[Contradiction], several: bool, folder: Path) -> str:
     """What the photographs contradict, and what to do."""
     sizes = {"radius": "ball", "thickness": "tank", "wall": "walls", "wall_index": "walls", "liquid": "liquid"}
+    sizes |= {"wedge.x": "tank", "wedge.y": "tank"}
     ways = list(dict.fromkeys(f"measure {sizes[one.name]} and ruler again" for one in otherwise if one.name in sizes))
     ways += ["calibrate with this zoom and focus, and cut no picture"] * any(one.name not in sizes for one in otherwise)
     sheet = folder / ("located*.png" if several else "located.png")
@@ -227,6 +239,13 @@ def print_located(together: Together, paths: Sequence[Path], long: bool = False)
     parts = budget(together.adjusted)
     print_table("parts of the index's error", ("of", "part"), [(name, f"{x:.2g}") for name, x in parts.parts.items()])
     print(parts.advice)
+    for k, located in together.located.items():
+        if max(located.shared) > 1:
+            print_warning(
+                f"{paths[k]}: corners through the tank scatter by {located.sigma[1]:.3f} pixels, and those beside it "
+                f"by {located.sigma[0]:.3f}: something shifts neighbours alike, as walls that are not flat or a liquid "
+                "that is not mixed. The index's error counts the excess once for nine neighbours, and may be too small."
+            )
     for k, (index, error) in together.alone.items():
         if abs(off := index - first.ior[0]) > AGREE * error:
             print_warning(
@@ -235,12 +254,17 @@ def print_located(together: Together, paths: Sequence[Path], long: bool = False)
             )
 
 
-def _locate(command: Photo, photographs: Sequence[Photograph], board: CharucoBoard, measured: Measured) -> Together:
+def _locate(
+    command: Photo,
+    photographs: Sequence[Photograph],
+    board: CharucoBoard,
+    measured: Measured,
+    lens: LensPrior | None,
+) -> Together:
     """Find cameras and ball with what is known of the lens: from a calibration, else from EXIF, else nothing."""
     ball = Disc(np.array(command.ball[:2], float), float(command.ball[2])) if command.ball else None
-    path, first = command.photos[0], photographs[0]
-    if command.camera is not None:
-        lens = Turn(first.size_on_sensor, after=first.orientation).of(read_lens(command.camera, first.size_on_sensor))
+    path = command.photos[0]
+    if lens is not None:
         return locate_together(photographs, board, measured, lens, ball)
     fov = angle_of_view(path) if is_photograph(path) else None
     if fov is not None:

@@ -1,5 +1,6 @@
 """What `calibrate` and `photo` are given: what was measured of ball or tank, and photographs."""
 
+import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,45 +13,38 @@ from raytrace_jax.cli.options.fits import Photo
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import camera_of, orientation_of
-from raytrace_jax.images.pictures import read_picture, transfer_of_camera
+from raytrace_jax.images.pictures import read_whole_picture, transfer_of_camera
 from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.bundle import Measured
 from raytrace_jax.photo.markers import is_mirrored
 from raytrace_jax.photo.photograph import Photograph, photograph_of
-from raytrace_jax.util.text import with_tolerance
+from raytrace_jax.util.text import quoted, with_tolerance
 
 UNMEASURED = "100+-0.1 mm"
 """A ruler that nobody measured: printers are right to about a thousandth."""
+
+GLUED = "0+-0.2deg"
+"""How far the walls of a tank that was glued are out of parallel, where nobody says."""
 
 
 def measured_of(command: Photo) -> Measured:
     """What was measured of ball or tank, in the board's millimetres, with standard deviations. Raises UsageError."""
     if (command.radius is None) == (command.tank is None):
         raise UsageError("--radius of a ball or --tank, the thickness of a tank: one of the two is wanted.")
-    if command.wall and command.tank is None:
-        raise UsageError("--wall: is of a tank, and --tank is missing.")
-    given = {"--radius": command.radius, "--tank": command.tank, "--ruler": command.ruler or UNMEASURED}
-    sizes: dict[str, tuple[float, float]] = {}
-    examples = {"--radius": "24.55+-0.01mm", "--tank": "60.2+-0.05mm", "--ruler": "99.93+-0.03mm"}
-    for option, text in given.items():
-        if text is not None:
-            with blamed_on(option):
-                sizes[option] = with_tolerance(text)
-            if not sizes[option][1]:
-                print_warning(
-                    f"{option} has no standard deviation and counts as exact: state it as {examples[option]}, for 0.1 "
-                    f"% of it are about {'0.0005' if command.tank else '0.002'} of the index."
-                )
-    if command.ruler is None:
-        print_warning(
-            f"the board's ruler was not measured and counts as {UNMEASURED}: measure it, and state it with --ruler."
+    for option, text in (("--wall", command.wall), ("--wedge", command.wedge)):
+        if text is not None and command.tank is None:
+            raise UsageError(f"{option}: is of a tank, and --tank is missing.")
+    sizes = _sizes_of(command)
+    if command.tank and command.wall is None:
+        raise UsageError(
+            "--wall: thickness and index of the tank's walls are wanted, as 3+-0.1mm,1.49; write --wall 0mm for a tank "
+            "without walls. A wall of 3 mm that is left out moves the index by about 0.014."
         )
     ruler, off = sizes["--ruler"]
 
     def there(size: tuple[float, float]) -> tuple[float, float]:
         """A size on the board, where the ruler is 100 mm long."""
-        length = size[0] * 100 / ruler
-        return length, length * math.hypot(size[1] / size[0], off / ruler)
+        return size[0] * 100 / ruler, math.hypot(size[1], size[0] * off / ruler) * 100 / ruler
 
     if command.radius is not None:
         radius = there(sizes["--radius"])
@@ -58,14 +52,53 @@ def measured_of(command: Photo) -> Measured:
             return {"radius": radius}
         # Where the surface is hardly matters, for the board lies in the liquid too: some radii above it.
         return {"radius": radius, "liquid": _index("--in", command.liquid), "depth": (5 * radius[0], 4 * radius[0])}
-    measured = {"thickness": there(sizes["--tank"])}
-    if command.wall:
-        thickness, _, ior = command.wall.partition(",")
-        with blamed_on("--wall"):
-            measured |= {"wall": there(with_tolerance(thickness)), "wall_ior": _index("--wall", ior)}
+    measured = {"thickness": there(sizes["--tank"]), "wedge": (0.0, _wedge(command.wedge or GLUED))}
+    if sizes["--wall"][0]:
+        _, _, ior = str(command.wall).partition(",")
+        measured |= {"wall": there(sizes["--wall"]), "wall_ior": _index("--wall", ior)}
         if 2 * measured["wall"][0] >= measured["thickness"][0]:
             raise UsageError(f"--wall {command.wall}: two such walls leave no room within {command.tank}.")
     return measured
+
+
+def _sizes_of(command: Photo) -> dict[str, tuple[float, float]]:
+    """The lengths that were measured, by their options, in millimetres as the ruler has them."""
+    wall = command.wall and command.wall.partition(",")[0]
+    given = {"--radius": command.radius, "--tank": command.tank, "--wall": wall, "--ruler": command.ruler or UNMEASURED}
+    sizes: dict[str, tuple[float, float]] = {}
+    for option, text in given.items():
+        if text is not None:
+            with blamed_on(option):
+                sizes[option] = with_tolerance(text, may_be_zero=option == "--wall")
+    return sizes
+
+
+def warn_of_unmeasured(command: Photo) -> None:
+    """Tell which lengths count as exact, and that a ruler was not measured."""
+    examples = {"--radius": "24.55+-0.01mm", "--tank": "60.2+-0.05mm", "--wall": "3+-0.1mm,1.49"}
+    examples |= {"--ruler": "99.93+-0.03mm"}
+    for option, (length, off) in _sizes_of(command).items():
+        if length and not off:
+            share = "0.1 mm" if option == "--wall" else "0.1 %"
+            print_warning(
+                f"{option} has no standard deviation above 0 and counts as exact: state it as {examples[option]}, for "
+                f"{share} of it are about {'0.0005' if command.tank else '0.002'} of the index."
+            )
+    if command.ruler is None:
+        print_warning(
+            f"the board's ruler was not measured and counts as {UNMEASURED}: measure it, and state it with --ruler."
+        )
+
+
+def _wedge(text: str) -> float:
+    """The standard deviation in radians of a text such as `0+-0.2deg`. Raises UsageError."""
+    value, _, deviation = text.replace("±", "+-").partition("+-")
+    with contextlib.suppress(ValueError):
+        if deviation.endswith("deg") and float(value) == 0 and 0 <= (off := float(deviation[:-3])) < 10:
+            return math.radians(off)
+    raise UsageError(
+        f"--wedge: {quoted(text)} came, and a standard deviation below 10 degrees is wanted, as 0+-0.2deg."
+    )
 
 
 def _index(option: str, text: str) -> tuple[float, float]:
@@ -105,7 +138,7 @@ def photographs_in(
                 f"{path} does not say how its colours were stored: read with --transfer {taken}, {usual}"
                 f"{', and so are others like it' if len(paths) > 1 else ''}; --transfer decides."
             )
-        image = read_picture(path, transfer=taken)
+        image = read_whole_picture(path, transfer=taken)
         photograph = photograph_of(image, str(path), orientation_of(path))
         if is_mirrored(photograph.grey, board):
             print_warning(f"{path} is mirrored, as a front camera may save it: it was mirrored back.")

@@ -21,11 +21,14 @@ from raytrace_jax.util.checked import Checked, wanted
 
 T = TypeVar("T")
 
+REPEATABLE = "(repeatable)"
+"""What help says of an option that may come several times."""
+
 
 def repeatable(word: Any, metavar: str) -> object:
     """The mark of a row of words that comes after one option, or after several of the same name."""
     rows: Any = UseAppendAction[tuple[tuple[word, ...], ...]]  # pyright: ignore[reportInvalidTypeForm]
-    return arg(constructor=rows, metavar=metavar, help_behavior_hint="(repeatable)")
+    return arg(constructor=rows, metavar=metavar, help_behavior_hint=REPEATABLE)
 
 
 Quiet = Annotated[bool, arg(help="Say nothing on the way; errors and warnings are still shown.")]
@@ -46,6 +49,12 @@ def split_assignment(option: str, text: str, form: str, read: Callable[[str], T]
     raise UsageError(f"--{option} {text}: write {form}.")
 
 
+def required(hint: Any) -> str:
+    """What help says of an option without a default."""
+    said = [getattr(mark, "help_behavior_hint", None) for mark in getattr(hint, "__metadata__", ())]
+    return "(required, repeatable)" if REPEATABLE in said else "(required)"
+
+
 @functools.cache
 def field_texts(options: type) -> dict[str, str]:
     """The texts below a class' own fields by name, each on one line; to find them Python parses the whole module."""
@@ -58,8 +67,9 @@ class CommandOptions(Checked):
     """The base of all options: each class of them becomes a frozen dataclass with help as tyro takes it.
 
     Texts run on from line to line: tyro breaks its help where an indented line begins. A default of None is not told:
-    the texts say what holds without the option. The command line does not offer `hidden` fields. Rows of an option that
-    came repeatedly are joined, and refusals name an option as the command line does.
+    the texts say what holds without the option. What has no default is told to be required, rows too, which tyro would
+    take as empty. The command line does not offer `hidden` fields. Rows of an option that came repeatedly are joined,
+    and refusals name an option as the command line does.
     """
 
     def __init_subclass__(cls, hidden: Collection[str] = ()) -> None:
@@ -71,9 +81,9 @@ class CommandOptions(Checked):
             if field.name in hidden:
                 cls.__annotations__[field.name] = Suppress[hint]
             elif field.name in texts:
-                hint = Annotated[hint, arg(metavar=wanted(hint).metavar, help=texts[field.name])]
-                is_open = field.default is None
-                cls.__annotations__[field.name] = Annotated[hint, arg(help_behavior_hint="")] if is_open else hint
+                told = {None: "", dataclasses.MISSING: required(hint)}.get(field.default)
+                told = arg(metavar=wanted(hint).metavar, help=texts[field.name], help_behavior_hint=told)
+                cls.__annotations__[field.name] = Annotated[hint, told]
 
     def __post_init__(self):
         for name, value in vars(self).items():
@@ -92,14 +102,14 @@ class PictureOptions(CommandOptions, RenderSettings):
 
 
 class RenderOptions(PictureOptions, hidden=("edges", "binning", "aov")):
-    """How a picture is made; `grad`, `gallery`, `rays`, `sweep`, `fit` and others share these."""
+    """How a picture is made: what all commands share that make one."""
 
 
 class SceneOptions(CommandOptions):
     """A scene with other values of some parameters."""
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
-    """The scene, a model.txt file."""
+    """The scene: a model.txt file, or a name that `raytrace-jax scenes` lists."""
     assignments: Annotated[tuple[str, ...], repeatable(str, "NAME=VALUE"), arg(name="define", aliases=["-D"])] = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
 

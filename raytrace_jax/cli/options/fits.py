@@ -16,8 +16,6 @@ from raytrace_jax.util.text import PaperName, parse_number
 
 T = TypeVar("T")
 
-Assigned = Annotated[tuple[str, ...], shared.repeatable(str, "NAME=VALUE")]
-
 
 def by_name(option: str, texts: tuple[str, ...], form: str, read: Callable[[str], T]) -> dict[str, T]:
     """What `read` makes of the values of an option's `NAME=VALUE` texts, by name."""
@@ -45,7 +43,7 @@ def read_uncertain(text: str) -> str:
 class FitArguments(
     shared.CommandOptions, FitOptions, hidden=("correlations", "ties", "priors", "uncertain", "profiles")
 ):
-    """How the fit is set up and solved; `Fit` has the options of several words."""
+    """How the fit is set up and solved."""
 
 
 class Fit(shared.PictureCommand):
@@ -60,14 +58,14 @@ class Fit(shared.PictureCommand):
     estimate depends on most.
     Ctrl-C stops the fit and still writes the values reached so far.
 
-    Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result
+    Example: raytrace-jax fit guess.txt photo.exr --free glass.ior glass.center -o result
     """
 
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
     """The picture to explain, OpenEXR, PNG, JPEG, TIFF, PPM or Radiance HDR, of the size that is rendered; with --crop
     also the whole picture."""
     free: shared.Names
-    """The parameters to find (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
+    """The parameters to find, as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: shared.OutputFolder
     mask: Annotated[Path | None, arg(metavar="FILE")] = None
     """Weights of the target's pixels, a picture of the same formats: 0 leaves a pixel out, 1 counts in full. A painted
@@ -88,16 +86,16 @@ class Fit(shared.PictureCommand):
     """Write the report's figure as report.pdf, too, for a paper."""
     json: bool = False
     """Print one JSON object on stdout, the content of result.json, in place of the table and the last line."""
-    tie: Assigned = ()
+    tie: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=FREE")] = ()
     """Let a parameter follow a free one, as cyan.ior=vitreous.ior or small.center=large.center."""
-    prior: Assigned = ()
+    prior: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=MEAN+-SD")] = ()
     """What is known of a free number, as vitreous.radius=2.3+-0.01: mean and standard deviation."""
-    uncertain: Assigned = ()
+    uncertain: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=SD")] = ()
     """Standard deviation of a number that stays fixed, as vitreous.radius=0.002 or 0.1%, which the errors then include.
     The name of a block (cam1=0.1%) or of a kind of blocks (lights=1%) stands for all its numbers."""
     profile: shared.Names = ()
     """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
-    options: FitArguments = FitArguments()
+    fit: FitArguments = FitArguments()
 
     def fit_options(self) -> FitOptions:
         """All options of the fit. Raises UsageError where a text is not written as its option wants it."""
@@ -106,7 +104,7 @@ class Fit(shared.PictureCommand):
         form = "NAME=SD or NAME=SHARE%, as vitreous.radius=0.002 or cam1=0.1%"
         uncertain = by_name("uncertain", self.uncertain, form, read_uncertain)
         changes = {"ties": ties, "priors": priors, "uncertain": uncertain, "profiles": self.profile}
-        given = {field.name: getattr(self.options, field.name) for field in dataclasses.fields(FitOptions)}
+        given = {field.name: getattr(self.fit, field.name) for field in dataclasses.fields(FitOptions)}
         return FitOptions(**given | changes)
 
 
@@ -116,7 +114,7 @@ class Batch(shared.CommandOptions):
     PLAN.toml names scenes, grids and lists of parameters, noise and seeds (docs/batch.md describes it). DIR gets a
     folder of files for each kind of job, results.csv and index.html, which shows all jobs and their pictures. After
     Ctrl-C, a kill or a failure the same command goes on: finished jobs are not run again. The exit code is 1 if a job
-    failed; the table says why.
+    failed; the table says which one and why.
 
     Example: raytrace-jax batch plan.toml -o results --workers 2
     """
@@ -158,10 +156,13 @@ class Board(shared.CommandOptions):
     """The screen's own width and height in pixels."""
 
 
+Photos = Annotated[Positional[tuple[Path, ...]], arg(metavar="PHOTO ...")]
+
+
 class PhotoOptions(shared.CommandOptions):
     """Photographs of a board."""
 
-    photos: Annotated[Positional[tuple[Path, ...]], arg(metavar="PHOTO ...")]
+    photos: Photos
     """The photographs, one or several."""
     board: Annotated[Path, arg(metavar="BOARD.txt")]
     """The board that they show, as `raytrace-jax board` writes it."""
@@ -181,6 +182,8 @@ class Calibrate(PhotoOptions):
     Example: raytrace-jax calibrate tilted*.jpg --board board.txt -o camera.txt
     """
 
+    photos: Photos
+    """The pictures of the board, three or more."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="CAMERA.txt")]
     """The lens to write. Missing folders are made."""
 
@@ -197,6 +200,7 @@ class Photo(PhotoOptions):
     docs/photograph.md. It needs OpenCV, of the extra `photo`.
 
     Example: raytrace-jax photo ball*.jpg --board board.txt --radius 20+-0.01mm --camera camera.txt -o result
+
     Example: raytrace-jax photo tank.jpg --board board.txt --tank 60+-0.1mm --wall 3+-0.1mm,1.49 -o result
     """
 
@@ -209,7 +213,11 @@ class Photo(PhotoOptions):
     tank: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
     """In place of a radius the thickness of a tank, from the outside of one wall to that of the other, as 60+-0.1mm."""
     wall: Annotated[str | None, arg(metavar="LENGTH+-SD,INDEX")] = None
-    """Thickness and index of each of the tank's walls, as 3+-0.05mm,1.49. Without it the walls count as nothing."""
+    """Thickness and index of each of the tank's walls, as 3+-0.05mm,1.49; 0mm is a tank without walls. It is wanted
+    with --tank, for a wall of 3 mm that is left out moves the index by 0.014."""
+    wedge: Annotated[str | None, arg(metavar="0+-SDdeg")] = None
+    """How far the tank's walls may be out of parallel, about each of two axes: a standard deviation in degrees. Without
+    it 0+-0.2deg counts; 0+-0deg says that they are parallel."""
     output: shared.OutputFolder
     camera: Annotated[Path | None, arg(metavar="CAMERA.txt")] = None
     """The lens, as `raytrace-jax calibrate` writes it; it is turned as EXIF says that the camera was. Without it the

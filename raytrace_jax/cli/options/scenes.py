@@ -28,7 +28,7 @@ ScreenTransfer = Annotated[
 class Render(shared.PictureCommand):
     """Render a scene to an OpenEXR picture, with a PNG beside it, and print their paths.
 
-    Example: raytrace-jax render vitreous.txt -o vitreous.exr -D vitreous.ior=1.5 --aov depth normal
+    Example: raytrace-jax render vitreous -o vitreous.exr -D vitreous.ior=1.5 --aov depth normal
     """
 
     output: shared.OutputExr
@@ -47,11 +47,11 @@ class Grad(shared.PictureCommand):
     OUT.exr gets the picture (R G B) and for each number a signed layer, as d.vitreous.center.x.R/G/B. OUT.png beside it
     shows them on one sheet, the mean over R, G and B. The paths of both are printed.
 
-    Example: raytrace-jax grad vitreous.txt --wrt vitreous.ior vitreous.center -o derivatives.exr --check
+    Example: raytrace-jax grad vitreous --wrt vitreous.ior --size 160 120 -o derivatives.exr --check
     """
 
     wrt: shared.Names
-    """The parameters (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
+    """The parameters, as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: shared.OutputExr
     """The OpenEXR file to write, with OUT.png beside it. Missing folders are made."""
     edges: EdgeMode = "aware"
@@ -77,7 +77,7 @@ class Gallery(shared.PictureCommand):
     physical model, clear, tinted, dispersive, with a bubble, two of them, under a sky alone. DIR gets an OpenEXR file
     and a PNG of each, and gallery.png, the sheet; with --wrt also edge-aware derivatives in the files and on the sheet.
 
-    Example: raytrace-jax gallery data/vitreous.txt --wrt vitreous.ior --size 320 240 -o gallery
+    Example: raytrace-jax gallery vitreous --wrt vitreous.ior --size 320 240 -o gallery
     """
 
     output: shared.OutputFolder
@@ -94,7 +94,7 @@ class Gallery(shared.PictureCommand):
 class Sweep(shared.PictureCommand):
     """Animate a scene: one parameter runs through a range of values, one frame for each.
 
-    Example: raytrace-jax sweep vitreous.txt --over vitreous.ior=1.0:2.4:60 -o sweep.gif --bounce --label
+    Example: raytrace-jax sweep vitreous --over vitreous.ior=1.0:2.4:60 --size 320 240 -o sweep.gif --bounce --label
     """
 
     over: Annotated[str, arg(metavar="NAME=START:STOP:COUNT")]
@@ -119,11 +119,11 @@ class Rays(shared.PictureCommand):
     The table on stdout has one line for each ray: the parent ray at whose hit it starts, what it hits, the distance,
     the angles at the hit, and the colour that it returns. The colour in the first line is that of the pixel.
 
-    Example: raytrace-jax rays vitreous.txt --pixel 320 240 -o rays.svg
+    Example: raytrace-jax rays vitreous --pixel 320 240 -o rays.svg
     """
 
     pixel: Annotated[tuple[int, int], arg(metavar="X Y")]
-    """The pixel (required): its column and row, counted from the top left of the whole picture."""
+    """The pixel: its column and row, counted from the top left of the whole picture."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.svg")]
     """The drawing to write, .svg or .png. Missing folders are made."""
     least_drawn: Annotated[float | None, Wanted("a share from 0 to below 1", "SHARE", least=0, below=1)] = None
@@ -155,15 +155,15 @@ class Teach(shared.CommandOptions):
 
     DIR gets a PNG of each figure and index.md with a paragraph on each. The paths are printed.
 
-    Example: raytrace-jax teach -o lecture
+    Example: raytrace-jax teach -o lecture --only fresnel cost
     """
 
     output: shared.OutputFolder
     only: Annotated[tuple[LessonName, ...], shared.repeatable(LessonName, "NAME ...")] = ()
     """Draw only these. snell, fresnel, critical, ball: formulas; total_reflection: the derivative of a square root;
     edges: derivative pictures with and without edges; cost: the error against the index."""
-    also: Annotated[tuple[FigureFormat, ...], shared.repeatable(FigureFormat, "svg pdf")] = ()
-    """Write each figure in these formats, too."""
+    also: Annotated[tuple[FigureFormat, ...], shared.repeatable(FigureFormat, "FORMAT ...")] = ()
+    """Write each figure in these formats, too: svg, pdf."""
     quiet: shared.Quiet = False
 
 
@@ -194,14 +194,14 @@ class FileOptions(shared.SceneOptions):
 class Format(FileOptions):
     """Write a scene file in canonical form, with the same numbers.
 
-    Example: raytrace-jax format vitreous.txt -D vitreous.radius=2 > smaller.txt
+    Example: raytrace-jax format vitreous -D vitreous.radius=2 > smaller.txt
     """
 
 
 class Info(FileOptions):
     """List the blocks of a scene and its parameters, by the names that -D and --free take.
 
-    Example: raytrace-jax info vitreous.txt
+    Example: raytrace-jax info vitreous
     """
 
     json: shared.AsJson = False
@@ -217,8 +217,8 @@ class Scenes(shared.CommandOptions):
 class Export(shared.PictureCommand):
     """Write a physical scene for POV-Ray 3.7 or for Mitsuba 3.
 
-    The file's head has the command that renders it and, as stderr, the features that the other program lacks or handles
-    differently. Pictures of textures are written beside it, as OpenEXR.
+    The file's head has the command that renders it. The head and stderr list the features that the other program lacks
+    or handles differently. Pictures of textures are written beside it, as OpenEXR.
 
     Example: raytrace-jax export glass_on_board --to mitsuba -o board.xml
     """
@@ -236,7 +236,7 @@ class Import(shared.CommandOptions):
     constant emitters and environments; bitmaps and checkerboards; media that absorb. All else is listed on stderr.
     Pictures of textures are written beside the scene. Mitsuba's own parser, of the extra `mitsuba`, reads the file.
 
-    Example: raytrace-jax import board.xml -o board.txt
+    Example: raytrace-jax import board.xml -o imported.txt
     """
 
     file: Annotated[Positional[Path], arg(metavar="FILE.xml")]

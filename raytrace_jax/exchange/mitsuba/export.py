@@ -1,38 +1,72 @@
 """The tree of plugins that Mitsuba 3 has for a scene."""
 
+import itertools
 import math
-from collections import Counter
 
+import equinox as eqx
 import numpy as np
 from numpy.typing import ArrayLike
 
-from raytrace_jax.exchange.described import Described, Material, Shape, Texture, around, overlap
-from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, LookAt, Matrix, Plugin, Point, Ref, Value
+from raytrace_jax.exchange.described import Described, Material, Shape, Texture, overlap
+from raytrace_jax.exchange.mitsuba.plugins import (
+    UPSIDE_DOWN,
+    Color,
+    LookAt,
+    Matrix,
+    Plugin,
+    Point,
+    Ref,
+    Value,
+    numbered,
+)
 
 
 class MitsubaWriter:
-    """A scene on its way: pictures of textures by their files, what Mitsuba does otherwise, materials of many shapes.
+    """A scene on its way: pictures of textures by their files, what Mitsuba does otherwise, plugins by their ids.
 
     `stem` begins the names of the files of its textures.
     """
 
     def __init__(self, scene: Described, stem: str):
-        self.scene, self.stem, self.glass = scene, stem, scene.glass("sphere")
-        self.users = Counter(shape.material.name for shape in scene.shapes)
+        self.scene, self.stem = scene, stem
         self.files: dict[str, np.ndarray] = {}
-        self.shared: dict[str, Plugin] = {}
+        self.ids: dict[str, Plugin] = {}
         self.lost = [*scene.lost, *_lost(scene)]
 
     def plugins(self) -> list[Plugin]:
-        scene, absorbs = self.scene, any(np.any(shape.material.absorption) for shape in self.glass)
+        scene = self.scene
+        absorbs = any(np.any(shape.material.absorption) for shape in scene.glass("sphere", "plane"))
         depth: dict[str, Value] = {"max_depth": scene.settings.max_bounces + 1, "rr_depth": 1000}
         found = [Plugin("integrator", "volpath" if absorbs else "path", "", depth), self.sensor()]
         found += [self.background()] if scene.background else []
         for name, location, intensity in scene.lights:
             values = {"position": Point(_triple(location)), "intensity": _color(intensity)}
             found.append(Plugin("emitter", "point", name, values))
-        shapes = [self.shape(shape) for shape in scene.shapes]  # This fills `shared`.
-        return [*found, *self.shared.values(), *shapes]
+        found += [self.shape(shape) for shape in scene.shapes if not _parts_nothing(shape)]
+        return [self.identified(plugin) for plugin in found]
+
+    def identified(self, plugin: Plugin) -> Plugin:
+        """A plugin whose id, and those of all within it, are the only ones; one that comes again is referred to.
+
+        Ours are names of one kind of blocks, Mitsuba's of all: the id of what comes second has its tag behind it.
+        """
+        name = self.id_of(plugin)
+        values = {key: self.within(value) for key, value in plugin.values.items()}
+        return plugin._replace(name=name, values=values)
+
+    def within(self, value: Value) -> Value:
+        if not isinstance(value, Plugin):
+            return value
+        known = value.name and value.tag in ("bsdf", "texture") and self.ids.get(self.id_of(value)) is not value
+        return Ref(self.id_of(value)) if known else self.identified(value)
+
+    def id_of(self, plugin: Plugin) -> str:
+        if not plugin.name:
+            return ""
+        for name in itertools.chain([plugin.name], numbered(f"{plugin.name}.{plugin.tag}", ".")):
+            if eqx.tree_equal(self.ids.setdefault(name, plugin), plugin):
+                return name
+        raise AssertionError("numbers do not end")
 
     def sensor(self) -> Plugin:
         """The camera, with its film and how often it samples a pixel."""
@@ -59,14 +93,14 @@ class MitsubaWriter:
         # A scene that says nothing of samples gets 256 a pixel.
         samples = self.scene.settings.samples**2 if self.scene.settings.samples > 1 else 256
         values["sampler"] = Plugin("sampler", "independent", "", {"sample_count": samples})
+        values |= _media(medium=self.scene.eye_medium)
         return Plugin("sensor", "perspective", view.name, values)
 
     def background(self) -> Plugin:
         scene = self.scene
         if scene.sky is None or scene.sky.texels is None:
             return Plugin("emitter", "constant", scene.background, {"radiance": _color(scene.radiance)})
-        name = f"{self.stem}.{scene.sky.name}.exr"
-        self.files[name] = rows_at_both_poles(scene.sky.texels * scene.radiance[:, None, None])
+        name = self.file(scene.sky.name, rows_at_both_poles(scene.sky.texels * scene.radiance[:, None, None]))
         half_a_turn = Matrix(np.diag([-1.0, 1.0, -1.0, 1.0]))
         return Plugin("emitter", "envmap", scene.background, {"filename": name, "to_world": half_a_turn})
 
@@ -85,12 +119,9 @@ class MitsubaWriter:
         values["bsdf"] = self.bsdf(shape, halves)
         if np.any(material.emission) and not material.is_glass:
             values["emitter"] = Plugin("emitter", "area", "", {"radiance": self.colored(shape, "emission", halves)})
-        if is_ball:
-            outside = around(shape, self.glass)
-            if material.is_glass and np.any(material.absorption):
-                values["interior"] = _medium(material)
-            if outside is not None and np.any(outside.absorption):
-                values["exterior"] = _medium(outside)
+        # What is opaque parts no media: a path that it mirrors stays where it is.
+        if material.is_glass:
+            values |= _media(interior=shape.inside, exterior=shape.outside)
         return Plugin("shape", "sphere" if is_ball else "rectangle", shape.name, values)
 
     def frame(self, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
@@ -108,60 +139,55 @@ class MitsubaWriter:
         matrix[:3] = np.stack([right, up, normal / np.linalg.norm(normal), center], axis=-1)
         return matrix, np.array([np.linalg.norm(right), np.linalg.norm(up)])
 
-    def bsdf(self, shape: Shape, halves: np.ndarray) -> Plugin | Ref:
-        """What a surface does with light; what several shapes share stands on its own."""
-        material, name = shape.material, shape.material.name
-        alone = self.users[name] == 1
+    def bsdf(self, shape: Shape, halves: np.ndarray) -> Plugin:
+        """What a surface does with light."""
+        material = shape.material
         if material.is_glass:
-            outside = around(shape, self.glass)
-            values: dict[str, Value] = {"int_ior": material.ior, "ext_ior": 1.0 if outside is None else outside.ior}
-            found, own = Plugin("bsdf", "dielectric", "", values), outside is not None
+            values: dict[str, Value] = {"int_ior": _index(shape.inside), "ext_ior": _index(shape.outside)}
+            found = Plugin("bsdf", "dielectric", "", values)
         elif material.reflectivity and not np.any(material.diffuse):
             grey = {"material": "none", "specular_reflectance": _color(material.reflectivity)}
-            found, own = Plugin("bsdf", "conductor", "", grey), False
+            found = Plugin("bsdf", "conductor", "", grey)
         else:
             found = Plugin("bsdf", "diffuse", "", {"reflectance": self.colored(shape, "diffuse", halves)})
-            own = material.texture is not None and bool(np.any(material.diffuse))
         if shape.keyword != "sphere" and not material.is_glass:
             found = Plugin("bsdf", "twosided", "", {"bsdf": found})
-        if alone or own:
-            return found._replace(name=name if alone else f"{name}.{shape.name}")
-        self.shared[name] = found._replace(name=name)
-        return Ref(name)
+        return found._replace(name=material.name)
 
     def colored(self, shape: Shape, what: str, halves: np.ndarray) -> Value:
         """A colour of a material, `emission` or `diffuse`, times its texture."""
-        material, scale = shape.material, getattr(shape.material, what)
-        texture = material.texture
+        scale, texture = getattr(shape.material, what), shape.material.texture
         if texture is None or not np.any(scale):
             return _color(scale)
-        # One of both has the texture's own name.
-        name = texture.name if what == "emission" or not np.any(material.emission) else f"{texture.name}.diffuse"
-        plugin_name = name if self.users[material.name] == 1 else f"{name}.{shape.name}"
         if texture.texels is None:
-            return _checkerboard(texture, scale, plugin_name, halves)
-        file = f"{self.stem}.{name}.exr" if np.all(scale == 1) else f"{self.stem}.{name}.{material.name}.exr"
-        self.files[file] = texture.texels * scale[:, None, None]
+            return _checkerboard(texture, scale, texture.name, halves)
+        file = self.file(texture.name, texture.texels * scale[:, None, None])
         if texture.wrap == "black":
             self.lost.append(f"{texture.name}.wrap: black; the picture's border goes on")
         values: dict[str, Value] = {"filename": file, "raw": True, "filter_type": texture.filter}
         values |= {"wrap_mode": "repeat" if texture.wrap == "repeat" else "clamp", "to_uv": Matrix(UPSIDE_DOWN)}
-        return Plugin("texture", "bitmap", plugin_name, values)
+        return Plugin("texture", "bitmap", texture.name, values)
+
+    def file(self, name: str, texels: np.ndarray) -> str:
+        """The file of a picture, another one for each."""
+        names = (f"{self.stem}.{one}.exr" for one in numbered(name, "."))
+        return next(one for one in names if np.array_equal(self.files.setdefault(one, texels), texels))
 
 
 def _lost(scene: Described) -> list[str]:
     """What Mitsuba does otherwise."""
-    lost, glass = [], scene.glass("sphere")
+    lost, glass = [], scene.glass("sphere", "plane")
     for material in scene.materials():
         if not material.is_glass and np.any(material.diffuse) and material.reflectivity:
             lost.append(f"{material.name}: a matt surface that is a mirror as well; its reflectivity is left out")
-    if glass and scene.glass("plane"):
-        lost.append("glass behind a plane: Mitsuba is told of the balls of glass in it that they lie in vacuum")
-    # Elsewhere the squared indices of a path cancel.
-    eye, shapes = scene.view.eye, scene.shapes
-    sees = any(np.linalg.norm(eye - ball.numbers["center"]) < ball.numbers["radius"] for ball in glass)
-    lit = any(np.any(shape.material.emission) and around(shape, glass) is not None for shape in shapes)
-    if sees or lit or scene.glass("plane"):
+    # Where light ends in the medium that it began in, the squared indices of its path cancel.
+    shining = [
+        shape
+        for shape in scene.shapes
+        if np.any(shape.material.emission) or (scene.lights and np.any(shape.material.diffuse))
+    ]
+    begins = {_index(shape.outside) for shape in shining} | {_index(one) for one in scene.far_media if scene.background}
+    if begins - {_index(scene.eye_medium)}:
         lost.append("light from within glass, or seen from within: Mitsuba scales radiance by the squared index")
     if any(overlap(a, b) for k, a in enumerate(glass) for b in glass[:k]):
         lost.append("overlapping glass: Mitsuba has no rule for media that overlap")
@@ -190,8 +216,22 @@ def _checkerboard(texture: Texture, scale: np.ndarray, name: str, halves: np.nda
     return Plugin("texture", "checkerboard", name, {"color0": first, "color1": second, "to_uv": Matrix(to_uv)})
 
 
-def _medium(material: Material) -> Plugin:
-    return Plugin("medium", "homogeneous", "", {"sigma_t": _color(material.absorption), "albedo": 0.0})
+def _parts_nothing(shape: Shape) -> bool:
+    """Whether one medium is on both sides of a glass surface, another one than its own: nothing is seen of it."""
+    return shape.material.is_glass and shape.inside is shape.outside and shape.inside is not shape.material
+
+
+def _index(medium: Material | None) -> float:
+    return 1.0 if medium is None else medium.ior
+
+
+def _media(**media: Material | None) -> dict[str, Value]:
+    """What absorbs, of some media by their roles."""
+    absorbing = {role: one.absorption for role, one in media.items() if one is not None and np.any(one.absorption)}
+    return {
+        role: Plugin("medium", "homogeneous", "", {"sigma_t": _color(absorption), "albedo": 0.0})
+        for role, absorption in absorbing.items()
+    }
 
 
 def _color(values: ArrayLike) -> Color:

@@ -1,5 +1,6 @@
 """The import of Mitsuba 3's scenes, as far as the physical model covers them; the rest is named."""
 
+import dataclasses
 import math
 import os
 import re
@@ -11,14 +12,16 @@ from jax.typing import DTypeLike
 
 from raytrace_jax.errors import RaytraceError, SceneError
 from raytrace_jax.exchange.described import BLACK, Material, Shape
-from raytrace_jax.exchange.mitsuba.parser import read_plugins, unread_properties
+from raytrace_jax.exchange.media import surface_media
+from raytrace_jax.exchange.mitsuba.parser import KNOWN, read_plugins, unread_properties
 from raytrace_jax.exchange.mitsuba.plugins import Plugin, numbered
-from raytrace_jax.exchange.mitsuba.shapes import read_shape, read_sky, with_indices
+from raytrace_jax.exchange.mitsuba.shapes import deepest_first, read_shape, read_sky, with_indices
 from raytrace_jax.images.exif import DIAGONAL_OF_FILM
 from raytrace_jax.scene import build
 from raytrace_jax.scene.rows import Description
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import MAX_BOUNCES
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 
 def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None) -> tuple[Scene, tuple[str, ...]]:
@@ -41,7 +44,8 @@ def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None
     reader = _Importer(Path(path))
     plugins = read_plugins(path)
     reader.lost += unread_properties(plugins)
-    for plugin in plugins:
+    # Shapes are read by the camera, wherever it stands.
+    for plugin in sorted(plugins, key=lambda one: one.tag != "sensor"):
         read = getattr(reader, f"read_{plugin.tag}", None)
         if read is not None:
             try:
@@ -66,7 +70,7 @@ class _Importer:
 
     def name(self, kind: str, said: str) -> str:
         """A name that a block may have, another one for each block of a kind."""
-        word = re.sub(r"[^\w-]+", "_", said).strip("_") or kind
+        word = re.sub(r"[^\w-]+", "_", plain_name(said)).strip("_") or kind
         taken = self.names.setdefault(kind, set())
         found = next(name for name in numbered(word, "") if name not in taken)
         taken.add(found)
@@ -123,25 +127,46 @@ class _Importer:
         """The scene of all that was read. Raises SceneError if there is no camera."""
         if self.camera is None:
             raise SceneError(f"{self.path}: has no perspective sensor.")
-        shapes = with_indices(self.shapes, self.lost)
+        shapes = self.shapes_in_media(dtype)
         # Matt surfaces get light from points alone.
         kinds = ["the sky"] if self.background else []
         kinds += ["shapes that shine"] * any(shape.material.emission != BLACK for shape in shapes)
         if kinds:
             lit = f"is matt and lit by point lights alone, not by {' or '.join(kinds)}"
             self.lost += [f"{shape.name} {lit}" for shape in shapes if shape.material.diffuse != BLACK]
-        materials: dict[str, tuple[Material, str]] = {}
+        materials: dict[str, list[tuple[Material, str]]] = {}
         blocks = []
         for shape in shapes:
-            called = shape.material.name or f"{shape.name}_material"
-            known = materials.get(called)
-            if known is None or not known[0].is_like(shape.material):
-                materials[called] = known = shape.material, self.name("material", called)
-                blocks += shape.material.blocks(known[1], lambda said: self.name("texture", said))
-            construct = build.sphere if shape.keyword == "sphere" else build.rectangle
-            blocks.append(construct(shape.name, material=known[1], **shape.numbers))
+            called = plain_name(shape.material.name) or f"{shape.name}_material"
+            same = materials.setdefault(called, [])
+            material = dataclasses.replace(shape.material, name=called)
+            name = next((name for known, name in same if known.is_like(material)), None)
+            if name is None:
+                name = self.name("material", called)
+                same.append((material, name))
+                blocks += material.blocks(name, lambda said: self.name("texture", said))
+            blocks.append(CONSTRUCTORS[shape.keyword](shape.name, material=name, **shape.numbers))
         settings = build.settings("main", **self.settings)
         return build.make_scene(settings, self.camera, *self.background, *self.others, *blocks, dtype=dtype)
+
+    def shapes_in_media(self, dtype: DTypeLike | None) -> list[Shape]:
+        """The shapes in the order in which the tracer has the file's media, with indices against vacuum."""
+        assert self.camera is not None
+        shapes = deepest_first(self.shapes)
+        blocks = [build.material("clear", transmission=1.0), build.material("dark")]
+        for shape in shapes:
+            material = "clear" if shape.material.is_glass else "dark"
+            blocks.append(CONSTRUCTORS[shape.keyword](shape.name, material=material, **shape.numbers))
+        scene = build.make_scene(build.settings("main", model="physical"), self.camera, *blocks, dtype=dtype)
+        return with_indices(shapes, surface_media(scene, resolve_settings(scene, None)), self.lost)
+
+
+CONSTRUCTORS = {"sphere": build.sphere, "rectangle": build.rectangle, "plane": build.plane}
+
+
+def plain_name(said: str) -> str:
+    """The name of a block by an id, which in an export has its tag behind it where another kind has that name."""
+    return re.sub(rf"\.({'|'.join(KNOWN)})(\.\d+)?$", "", said)
 
 
 def read_camera(sensor: Plugin, name: str, lost: list[str]) -> Description:

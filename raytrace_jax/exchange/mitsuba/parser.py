@@ -124,7 +124,7 @@ KNOWN = {
     "medium": ("homogeneous", "sigma_t albedo scale sample_emitters has_spectral_extinction phase"),
     "sensor": (
         "perspective thinlens",
-        "to_world fov fov_axis focal_length principal_point_offset_x principal_point_offset_y film sampler "
+        "to_world fov fov_axis focal_length principal_point_offset_x principal_point_offset_y film sampler medium "
         "shutter_open shutter_close aperture_radius focus_distance",
     ),
     "film": (

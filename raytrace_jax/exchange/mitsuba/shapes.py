@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.described import BLACK, Material, Shape, Texture, around
+from raytrace_jax.exchange.described import BLACK, Material, Shape, Texture
+from raytrace_jax.exchange.media import SurfaceMedia
 from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, Plugin, Value
-from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.images.pictures import read_whole_picture
 
 WHITE, GREY = (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)
 
@@ -28,7 +29,7 @@ INDICES = {
 def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: list[str]) -> Shape | None:
     """A shape, yet without a name; None where it is of a form that we have not. `lost` gets what else we have not.
 
-    `eye` is where the camera is; None where it was not read before.
+    `eye` is where the camera is; None where there is none.
     """
     numbers = _numbers(plugin, lost)
     if numbers is None:
@@ -48,8 +49,15 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
     surface = read_medium(plugin.values.get(inner), surface, lost)
     surface = read_radiance(plugin, path, halves, surface, lost)
     if is_flat and surface.inside:
-        lost.append("flat glass, which has no inside here; it is left out")
-        return None
+        # No end of it is seen where its sides are so many times as long as it is far.
+        far = 100 * np.linalg.norm(np.subtract(numbers["center"], numbers["center"] if eye is None else eye))
+        if halves is None or halves.min() < far:
+            lost.append("flat glass that ends, which has no inside here; it is left out")
+            return None
+        side = -1 if plugin.values.get("flip_normals") is True else 1
+        normal = side * np.cross(numbers["right"] / halves[0], numbers["up"] / halves[1])
+        numbers = {"point": numbers["center"], "normal": tuple(normal.tolist())}
+        return Shape("plane", "", numbers, surface, is_within=outer in plugin.values)
     if is_flat and surface.emission != BLACK and eye is not None:
         side = -1 if plugin.values.get("flip_normals") is True else 1
         if side * np.cross(numbers["right"], numbers["up"]) @ np.subtract(eye, numbers["center"]) < 0:
@@ -74,23 +82,47 @@ def _numbers(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
     return {"center": tuple(matrix[:3, 3].tolist()), "right": tuple(right.tolist()), "up": tuple(up.tolist())}
 
 
-def with_indices(shapes: Sequence[Shape], lost: list[str]) -> list[Shape]:
-    """The shapes with indices against vacuum for inner and outer ones, found from the largest ball of glass inwards."""
-    balls = [shape for shape in shapes if shape.keyword == "sphere" and shape.material.is_glass]
-    done: list[Shape] = []
-    for shape in sorted(balls, key=lambda ball: -ball.numbers["radius"]):
-        outer, material = around(shape, done), shape.material
-        ior = material.inside / material.outside * (1.0 if outer is None else outer.ior)
-        if outer is not None and outer.inside == material.outside:
-            ior = material.inside * (outer.ior / outer.inside)  # Exact where the file's indices are.
-        done.append(shape._replace(material=dataclasses.replace(material, ior=ior)))
-    lost += [
-        f"shape {shape.name}: exterior; there is nothing around it"
-        for shape in shapes
-        if shape.is_within and around(shape, done) is None
-    ]
-    by_name = {shape.name: shape for shape in done}
-    return [by_name.get(shape.name, shape) for shape in shapes]
+def deepest_first(shapes: Sequence[Shape]) -> list[Shape]:
+    """The shapes with parallel planes in the order in which all of them are seen, for the first in a file decides."""
+    found, parallel = list(shapes), dict[tuple[float, ...], list[int]]()
+    for k, shape in enumerate(shapes):
+        if shape.keyword == "plane":
+            parallel.setdefault(tuple(np.round(shape.numbers["normal"], 6).tolist()), []).append(k)
+    for places in parallel.values():
+        planes = sorted(
+            (shapes[k] for k in places), key=lambda one: np.dot(one.numbers["normal"], one.numbers["point"])
+        )
+        for k, plane in zip(places, planes, strict=True):
+            found[k] = plane
+    return found
+
+
+def with_indices(shapes: Sequence[Shape], media: SurfaceMedia, lost: list[str]) -> list[Shape]:
+    """The shapes with indices against vacuum for inner and outer ones, found from outside of all glass inwards."""
+    done: dict[int, Material] = {}
+
+    def glass(place: int, within: frozenset[int] = frozenset()) -> Material:
+        if place not in done:
+            material, around = shapes[place].material, media.sides[place][0]
+            # Surfaces that cut may each lie in the other.
+            outer = None if around is None or around in within else glass(around, within | {place})
+            ior = material.inside / material.outside * (1.0 if outer is None else outer.ior)
+            if outer is not None and outer.inside == material.outside:
+                ior = material.inside * (outer.ior / outer.inside)  # Exact where the file's indices are.
+            done[place] = dataclasses.replace(material, ior=ior)
+        return done[place]
+
+    found = []
+    for place, (shape, (outside, inside)) in enumerate(zip(shapes, media.sides, strict=True)):
+        if shape.material.is_glass:
+            # What is the same against vacuum is one material, whatever is around it.
+            shape = shape._replace(material=dataclasses.replace(glass(place), inside=0.0, outside=1.0))
+            if inside != place:
+                lost.append(f"shape {shape.name}: glass in glass of which here the smaller decides, not its surface")
+        if shape.is_within and outside is None:
+            lost.append(f"shape {shape.name}: exterior; there is nothing around it")
+        found.append(shape)
+    return found
 
 
 def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[str]) -> Material:
@@ -265,4 +297,4 @@ def _picture(plugin: Plugin, path: Path) -> np.ndarray:
     name = plugin.values.get("filename")
     if not isinstance(name, str):
         raise SceneError(f"{plugin.tag} {plugin.kind} has no filename.")
-    return read_picture(path.parent / name, transfer="course" if plugin.values.get("raw") is True else "srgb")
+    return read_whole_picture(path.parent / name, transfer="course" if plugin.values.get("raw") is True else "srgb")
