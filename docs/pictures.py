@@ -40,14 +40,16 @@ def prepare(folder: Path) -> None:
         (folder / name).write_text(text, encoding="utf-8")
 
 
+def environment() -> dict[str, str]:
+    """What commands and programs find the package and `raytrace-jax` by: those of this checkout and this Python."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)}
+
+
 def make(name: str, language: str, text: str, folder: Path) -> Path:
     """Run what makes a picture in a prepared folder, and return the file that it wrote."""
-    environment = os.environ | {
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-        "PYTHONPATH": str(ROOT),
-    }
     program = [sys.executable, "-"] if language == "python" else ["bash", "-e"]
-    subprocess.run(program, input=text, cwd=folder, env=environment, text=True, check=True)
+    subprocess.run(program, input=text, cwd=folder, env=environment(), text=True, check=True)
     places = [folder / name, *(folder / Path(name).stem / sheet for sheet in SHEETS)]
     return next(place for place in places if place.is_file())
 

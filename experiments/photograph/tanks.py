@@ -1,8 +1,9 @@
-"""A printed board past and through a tank of a liquid, by POV-Ray: ten photographs, each of its own tank and camera.
+"""A printed board past and through a tank of a liquid, by POV-Ray: photographs, each of its own tank and camera.
 
     python experiments/photograph/tanks.py FOLDER [NUMBER ...]
 
-Needs the program `povray` (Debian package `povray`) and the extra `photo`. A tank is drawn by its number. FOLDER gets
+Needs the program `povray` (Debian package `povray`) and the extra `photo`. A tank is drawn by its number; those from 11
+to 20 have thin walls or none, and are seen through a wide lens that bends. FOLDER gets
 `tank_N.jpg`, its board `tank_board_N.txt`, the truth, `tank_N.json`, and for a calibration tilted pictures of a board
 by the same camera, `tank_camera_C_K.jpg`, of which `tank_camera_C.txt` names the board; what is there is not made
 again. Nothing of it is the package's but the board's pattern. At the end the corners of squares are looked for in the
@@ -12,6 +13,8 @@ Lengths of truths are in millimetres, in the board's frame: x to the right, y up
 middle is the origin. `normal` points out of the tank's front, `point` is the middle of its outer front, `axes` are to
 the right along it and up, and `half` is half its size along these. `thickness` is from outer front to outer back,
 `gap` from the board to the nearest point of the back. A tank is closed, full, and of one thickness of wall all around.
+Walls of tanks 21 to 23 are out of parallel: the back is turned about `back`, the middle of what is seen through it, by
+`wedge`, two angles in radians by which its normal differs from (x, y, 1) along `normal`.
 """
 
 import argparse
@@ -21,7 +24,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from povray import PAPERS, SIZE, any_camera, camera, made, pattern_size, pixels, printed, rendered, v
-from rooms import CAMERAS, WHITE, Chain, calibrate, photograph
+from rooms import CAMERAS, Chain, calibrate, take
 
 PAPER = "a4"
 """Markers of an A3 board would have less than twenty pixels."""
@@ -29,9 +32,16 @@ PAPER = "a4"
 VIEWS = CAMERAS[::2]
 """Full horizontal angles of view of the cameras, in degrees; number modulo their count is a photograph's camera."""
 
-WITHOUT_WALLS = (3, 6, 9)
+WIDE = range(11, 21)
+WIDE_VIEW, WIDE_LENS = 52.0, [-0.085, 0.0, 0.005, -0.003]
+"""Tanks before a wide lens, and that lens: its angle of view; k1, k2 and the principal point in widths of the picture."""
+
+WITHOUT_WALLS = (3, 6, 9, *WIDE[::2])
 TOUCHING = 5
-"""Numbers modulo ten. A tank that touches the board and is parallel to it tells index and thickness only together."""
+"""A tank that touches the board and is parallel to it tells index and thickness only together."""
+
+WEDGES = {21: 0.3, 22: 0.2, 23: 0.15}
+"""By how many degrees the walls of some tanks are out of parallel."""
 
 COVERED = (0.35, 0.6)
 """Share of the paper before which the tank is seen; at least two thirds of it behind both front and back."""
@@ -47,15 +57,33 @@ def drawn(number: int) -> dict:
         truth = once(number, random)
         tank, faces = (float(which.mean()) for which in hidden(truth, points))
         if COVERED[0] < tank < COVERED[1] and faces > tank * 2 / 3:
-            return truth | {"covered": tank}
+            truth |= {"covered": tank}
+            return truth | wedged(truth, points) if number in WEDGES else truth
     raise RuntimeError(f"tank {number}: no place was found")
+
+
+def wedged(truth: dict, points) -> dict:
+    """How the back is turned, about any axis."""
+    turn = np.random.default_rng(8500 + truth["number"]).uniform(0, 2 * np.pi)
+    wedge = np.tan(np.radians(WEDGES[truth["number"]])) * np.array([np.cos(turn), np.sin(turn)])
+    _, inside, crossings = seen(truth, points)
+    return {"wedge": wedge.tolist(), "back": crossings[3, inside].mean(axis=0).tolist()}
+
+
+def back_of(truth: dict) -> tuple[np.ndarray, np.ndarray]:
+    """A point of the outer back, and the normal of it that points to the front."""
+    normal = np.array(truth["normal"])
+    if "wedge" not in truth:
+        return truth["point"] - truth["thickness"] * normal, normal
+    turned = normal / normal[2] + [*truth["wedge"], 0]
+    return np.array(truth["back"]), turned / np.linalg.norm(turned)
 
 
 def once(number: int, random: np.random.Generator) -> dict:
     """One try of a tank and its camera."""
     uniform = random.uniform
     width, height = 10 * np.array(PAPERS[PAPER])
-    touches, walled = number % 10 == TOUCHING, number % 10 not in WITHOUT_WALLS
+    touches, walled, wide = number == TOUCHING, number not in WITHOUT_WALLS, number in WIDE
     tilt, turn = 0.0 if touches else np.radians(uniform(0, 8)), uniform(0, 2 * np.pi)
     normal = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
     right = np.cross([0, 1, 0], normal)
@@ -65,7 +93,7 @@ def once(number: int, random: np.random.Generator) -> dict:
     gap, thickness = 0.01 if touches else uniform(1, 40), uniform(40, 120)
     # The corner of the back that comes nearest to the board is as far from it as the gap.
     back = np.array([uniform(-0.4, 0.4) * width, uniform(-0.15, 0.15) * height, gap + half @ np.abs(axes[:, 2])])
-    taken_with = number % len(VIEWS)
+    taken_with = len(VIEWS) if wide else number % len(VIEWS)
     aside, rise = np.radians(uniform(0, 30)), np.radians(uniform(0, 60))
     toward = np.sin(aside) * np.array([random.choice([-1, 1]) * np.cos(rise), np.sin(rise), 1 / np.tan(aside)])
     lookat = np.array([uniform(-0.03, 0.03) * width, uniform(-0.03, 0.03) * height, 0.0])
@@ -73,7 +101,7 @@ def once(number: int, random: np.random.Generator) -> dict:
         "number": number,
         "ior": round(float(uniform(1.3, 1.6)), 4),
         "thickness": float(thickness),
-        "wall": float(uniform(2, 5)) if walled else 0.0,
+        "wall": float(uniform(*((0.5, 2) if wide else (2, 5)))) if walled else 0.0,
         "wall_ior": float(random.choice([1.49, 1.52])) if walled else None,
         "normal": normal.tolist(),
         "point": (back + thickness * normal).tolist(),
@@ -83,8 +111,8 @@ def once(number: int, random: np.random.Generator) -> dict:
         "lookat": lookat.tolist(),
         "roll": float(uniform(-3, 3)),
         "camera": taken_with,
-        "lens": [0.0, 0.0, 0.0, 0.0],
-        "fov": VIEWS[taken_with],
+        "lens": WIDE_LENS if wide else [0.0, 0.0, 0.0, 0.0],
+        "fov": WIDE_VIEW if wide else VIEWS[taken_with],
         "paper": PAPER,
         "print_scale": (scale := float(1 + random.normal() * 1e-3)),
         "ruler": 100 * scale,
@@ -123,10 +151,18 @@ def scene(truth: dict, board: Path) -> str:
     matt = "finish { diffuse 0.8 }"
     table = min(-PAPERS[PAPER][1] / 2, point[1] - 1.2 * half[1] - 2) - 1.5
 
+    frame, (back, turned) = np.array([*truth["axes"], truth["normal"]]), back_of(truth)
+    out, behind = -frame @ turned, frame @ (back / 10 - point)
+
     def box(inset: float, ior: float) -> str:
         low, high = (*(inset - half), inset - truth["thickness"] / 10), (*(half - inset), -inset)
+        solid = f"box {{ {v(low)} {v(high)}"
+        if "wedge" in truth:
+            # A box that is longer is cut by the turned back.
+            solid = f"intersection {{ box {{ {v((*low[:2], 2 * low[2]))} {v(high)} }} "
+            solid += f"plane {{ {v(out)}, {behind @ out - inset:.9g} }}"
         return (
-            f"box {{ {v(low)} {v(high)} matrix <{matrix}> pigment {{ color rgbf 1 }} "
+            f"{solid} matrix <{matrix}> pigment {{ color rgbf 1 }} "
             "finish { ambient 0 diffuse 0 reflection { 0, 1 fresnel on } conserve_energy } "
             f"interior {{ ior {ior} }} no_shadow }}"
         )
@@ -160,31 +196,47 @@ def make(number: int, folder: Path) -> None:
     chain = Chain(**{**truth["chain"], "gains": tuple(truth["chain"]["gains"])})
     path = folder / f"tank_{number}.jpg"
     if not path.exists():
-        light = rendered(scene(truth, board), SIZE)
-        photograph(WHITE / np.percentile(light, 98) * light, chain, path)
+        take(scene(truth, board), truth, chain, path)
         path.with_suffix(".json").write_text(json.dumps(truth, indent=1))
-    first = truth["camera"] or len(VIEWS)
+    first = WIDE[0] if number in WIDE else truth["camera"] or len(VIEWS)
     board = made(folder / f"tank_board_{first}.pdf", PAPER)
     calibrate(drawn(first), board, chain, folder / f"tank_camera_{truth['camera']}")
 
 
-def seen(truth: dict, points) -> tuple[np.ndarray, np.ndarray]:
-    """Where points of the board are seen through front and back, "n 2", and which of them are."""
-    eye, normal, thickness, wall = np.array(truth["eye"]), np.array(truth["normal"]), truth["thickness"], truth["wall"]
-    layers = [(wall, truth["wall_ior"] or 1.0), (thickness - 2 * wall, truth["ior"]), (wall, truth["wall_ior"] or 1.0)]
-    away = points - eye
-    height = -(away @ normal)[:, None]
-    sideways = away + height * normal
-    # How far a ray goes sideways for each millimetre towards the board: in air, and for a layer by Snell's law.
-    slope, depths = sideways / height, np.zeros((3, len(points), 1))
-    for _ in range(50):
-        squared = np.sum(slope**2, axis=-1, keepdims=True)
-        depths = np.array([t / np.sqrt(n**2 * (1 + squared) - squared) for t, n in layers])
-        slope = sideways / (height - thickness + depths.sum(axis=0))
-    front = eye - truth["point"] + ((eye - truth["point"]) @ normal) * (slope - normal)
-    places = np.array([front + slope * depths[:k].sum(axis=0) for k in range(4)]) @ np.array(truth["axes"]).T
+def seen(truth: dict, points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where points of the board are seen through front and back, "n 2", which of them are, and "4 n 3" on the faces."""
+    eye, normal, wall = np.array(truth["eye"]), np.array(truth["normal"]), truth["wall"]
+    (back, turned), front = back_of(truth), np.array(truth["point"])
+    wall_ior = truth["wall_ior"] or truth["ior"]
+    faces = (
+        (front, normal, 1 / wall_ior),
+        (front - wall * normal, normal, wall_ior / truth["ior"]),
+        (back + wall * turned, turned, truth["ior"] / wall_ior),
+        (back, turned, wall_ior),
+    )
+    # A ray is aimed at its point, then beside it by what it misses, which is a few times less each time.
+    aim, crossings = np.array(points), np.zeros((4, len(points), 3))
+    for _ in range(60):
+        place, way = eye, (aim - eye) / np.linalg.norm(aim - eye, axis=-1, keepdims=True)
+        for k, (on, out, ratio) in enumerate(faces):
+            falls = -(way @ out)[:, None]
+            crossings[k] = place = place + ((place - on) @ out).reshape(-1, 1) / falls * way
+            # Snell's law.
+            way = ratio * way + (ratio * falls - np.sqrt(1 - ratio**2 * (1 - falls**2))) * out
+        aim = aim + points - (place - place[:, 2:] / way[:, 2:] * way)
+    places = (crossings - truth["point"]) @ np.array(truth["axes"]).T
     inside = np.all(np.abs(places) < np.array(truth["half"]) - wall - 2, axis=(0, 2))
-    return pixels(truth, eye + slope - normal), inside
+    return pixels(truth, aim), inside, crossings
+
+
+def bent(truth: dict, places: np.ndarray) -> np.ndarray:
+    """Where the lens of a truth shows what a pinhole camera sees in these pixels, "n 2"."""
+    k1, k2, *offset = truth["lens"]
+    focal = SIZE[0] / (2 * np.tan(np.radians(truth["fov"]) / 2))
+    straight = (places - (np.array(SIZE) - 1) / 2) / focal
+    squared = np.sum(straight**2, axis=-1, keepdims=True)
+    middle = (np.array(SIZE) - 1) / 2 + np.array(offset) * SIZE[0]
+    return straight * (1 + k1 * squared + k2 * squared**2) * focal + middle
 
 
 def check(number: int, folder: Path) -> str:
@@ -195,8 +247,9 @@ def check(number: int, folder: Path) -> str:
     size = pattern_size(folder / f"tank_board_{number}.txt")
     x, y = np.meshgrid(*(np.arange(10, whole - 5, 10) - whole / 2 for whole in size))
     points = truth["print_scale"] * np.stack([x, y, 0 * x], -1).reshape(-1, 3)
-    words, (through, inside) = [f"tank {number}"], seen(truth, points)
+    words, (through, inside, _) = [f"tank {number}"], seen(truth, points)
     for name, places in (("through", through[inside]), ("beside", pixels(truth, points)[~hidden(truth, points)[0]])):
+        places = bent(truth, places)
         found = cv2.cornerSubPix(image, places[:, None].astype(np.float32), (5, 5), (-1, -1), (3, 50, 1e-3))[:, 0]
         off = np.linalg.norm(found - places, axis=-1)
         words.append(f"{name} {len(places)} corners, median {np.median(off):.3f}, 90 % {np.percentile(off, 90):.3f}")

@@ -1,7 +1,7 @@
 """Least squares of a board's corners in photographs: cameras, ball or tank and index together, and how sure all are."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -24,6 +24,12 @@ CORNER_FLOOR = 0.015
 """Least standard deviation of a corner in pixels, beside its patch's own spread: what moves one corner, a reflection or
 the shape of the blur, moves its neighbours too. In rooms by POV-Ray .01 to .02 do the same; with .03 good corners count
 for too little, and errors are too large."""
+
+SCATTERS_MORE = 1.5
+"""So many times the scatter of a tank's other corners is more than that of corners: something shifts them."""
+
+NEIGHBOURS = 9
+"""What shifts a corner shifts its eight neighbours alike, and counts once for all of them."""
 
 
 class PhotoView(NamedTuple):
@@ -58,8 +64,8 @@ class Known(NamedTuple):
 
 
 Measured = Mapping[str, tuple[float, float]]
-"""What was measured of a ball (`radius`, `liquid`, `depth`) or of a tank (`thickness`, `wall`, `wall_ior`), with
-standard deviations."""
+"""What was measured of a ball (`radius`, `liquid`, `depth`) or of a tank (`thickness`, `wall`, `wall_ior`, and for both
+numbers of its `wedge` one), with standard deviations."""
 
 
 def known_before(lens: LensPrior, measured: Measured = MappingProxyType({})) -> Known:
@@ -85,9 +91,15 @@ def known_before(lens: LensPrior, measured: Measured = MappingProxyType({})) -> 
         tilt=np.full(2, 0.02 * ("thickness" in measured)),
     )
     for name, (value, error) in measured.items():
-        mean[getattr(AT, name)], scale = value, scale._replace(**{name: error})
+        at = getattr(AT, name)
+        mean[at], scale = value, scale._replace(**{name: np.full(np.shape(at), error)})
         if error > 0:
-            rows.append(np.eye(COUNT)[getattr(AT, name)] / error)
+            rows += list(np.eye(COUNT)[np.atleast_1d(at)] / error)
+    if measured.get("wedge", (0.0, 0.0))[1] > 0:
+        # Behind a wedge it matters where the tank stands: about as far before the board as it is thick, or at it.
+        height, about = AT.center[2], measured["thickness"][0]
+        mean[height], scale.center[2] = about, about
+        rows.append(np.eye(COUNT)[height] / about)
     return Known(mean, np.reshape(rows, (-1, COUNT)), scale.vector)
 
 
@@ -100,6 +112,7 @@ class AdjustedView:
         covariance: of their numbers, raveled, from all corners' scatter and what was known.
         sigma: standard deviations of corners that are seen directly, and through the glass, in pixels.
         direct, through: the corners that count.
+        shared: by how much more than by their scatter corners err together, directly and through the tank.
     """
 
     setup: Setup
@@ -107,6 +120,7 @@ class AdjustedView:
     sigma: tuple[float, float]
     direct: Corners
     through: Corners
+    shared: tuple[float, float] = field(default=(1.0, 1.0), kw_only=True)
 
     @property
     def errors(self) -> Setup:
@@ -156,6 +170,7 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
     believed = [np.hypot(group.spread, CORNER_FLOOR) for group in system.groups]
     x = np.zeros(len(system.free))
     used, factors = [np.ones(len(sigma), bool) for sigma in believed], []
+    shared: list[tuple[float, float]] = []
 
     # Scatter and weights follow from the misses at the present numbers, the numbers from these, and so on.
     for rounds_left in reversed(range(6)):
@@ -169,7 +184,12 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
         weights = [u.astype(float) for u in used]
         if rounds_left:
             weights = [np.minimum(1, 2.5 / np.maximum(one, TINY)) for one in off]
-        rows = zip(weights, factors, believed, strict=True)
+        shared = [
+            _shared(factors[2 * k : 2 * k + 2], counting[2 * k : 2 * k + 2]) if view.setup.thickness > 0 else (1.0, 1.0)
+            for k, view in enumerate(views)
+        ]
+        wider = np.multiply(factors, np.ravel(shared))
+        rows = zip(weights, wider, believed, strict=True)
         system.factors = [np.sqrt(weight) / (factor * sigma) for weight, factor, sigma in rows]
         x = least_squares(system.residual, x, jac=system.jacobian, max_nfev=60).x  # pyright: ignore[reportArgumentType]
 
@@ -184,8 +204,30 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
     for k in range(len(views)):
         (numbers, chain), own = system.view(joint, k), slice(2 * k, 2 * k + 2)
         scatter = (sigma[2 * k], sigma[2 * k + 1])
-        found.append(AdjustedView(Setup.of(numbers), chain @ covariance @ chain.T, scatter, *corners[own]))
+        spread = chain @ covariance @ chain.T
+        found.append(AdjustedView(Setup.of(numbers), spread, scatter, *corners[own], shared=shared[k]))
     return Adjusted(tuple(found), joint, covariance, system.known, float(np.sum(system.residual(x) ** 2)) / 2)
+
+
+def _shared(factors: Sequence[float], groups: Sequence[np.ndarray]) -> tuple[float, float]:
+    """By how much more than by their scatter the corners of two groups err together.
+
+    Where one scatters more than the other by far and not by chance, the excess of its variance is that of something
+    that shifts neighbours alike, which does not average out among them: a wall that is not flat, a liquid that is
+    not mixed. It counts for as many times as there are neighbours.
+    """
+    least, counts = min(factors), [len(group) for group in groups]
+    if min(counts) == 0:
+        return 1.0, 1.0
+    # A scatter that is told from the median of n lengths errs by 0.72 / sqrt(n) of itself.
+    chance = 3 * 0.72 * np.sqrt(sum(1 / n for n in counts))
+    first, second = (
+        float(np.sqrt((least / one) ** 2 + NEIGHBOURS * (1 - (least / one) ** 2)))
+        if one / least > max(SCATTERS_MORE, np.exp(chance))
+        else 1.0
+        for one in factors
+    )
+    return first, second
 
 
 class _System:
@@ -199,8 +241,14 @@ class _System:
         scale = np.concatenate([scales[0].vector, *(one.own for one in scales[1:])])
         self.free = np.flatnonzero(scale > 0)
         self.scale = scale[self.free]
-        more = (0, len(self.start) - COUNT)
-        self.known = Known(np.pad(known.mean, more), np.pad(known.root, ((0, 0), more)), scale)
+        # What is known of a view's own numbers is known of those of each.
+        more, alike = (0, len(self.start) - COUNT), known.root[:, AT.own]
+        mean, root = np.pad(known.mean, more), [np.pad(known.root, ((0, 0), more))]
+        for k in range(len(others)):
+            places = COUNT + k * len(AT.own) + np.arange(len(AT.own))
+            mean[places] = known.mean[AT.own]
+            root.append(alike[alike[:, scale[places] > 0].any(axis=1)] @ np.eye(len(self.start))[places])
+        self.known = Known(mean, np.concatenate(root), scale)
         self._padded = [(padded(view.direct), padded(view.through)) for view in views]
         self.factors: list[np.ndarray] = []  # Of each corner's misses in the residual.
         self._kept: tuple[bytes | None, list] = (None, [])

@@ -39,10 +39,11 @@ class Setup(NamedTuple):
         principal_offset: how far the principal point is to the right of and below the picture's middle, in widths of
             the picture.
         ior: the index, over that of the air, of the ball or of the liquid in the tank.
-        center, radius: the ball's.
+        center, radius: the ball's. The centre of a tank is where its thickness is measured, on the outside of its back.
         tilt: the outer normal of the tank's faces is along (tilt, 1).
         thickness: of the tank, along its normal, from the outside of one wall to that of the other.
         wall, wall_ior: thickness and index of each of its walls.
+        wedge: how far the outer normal of the tank's back differs from (tilt, 1); 0 where its walls are parallel.
         liquid, depth: index of what ball and board lie in, over that of the air, and how high above the board its
             surface is, which is parallel to it; a depth of 0 is none.
     """
@@ -61,12 +62,13 @@ class Setup(NamedTuple):
     wall_ior: Float[Any, ""] = 0.0
     liquid: Float[Any, ""] = 1.0
     depth: Float[Any, ""] = 0.0
+    wedge: Float[Any, "2"] = np.zeros(2)
 
     @classmethod
     def of(cls, vector: Float[Any, " numbers"]) -> "Setup":
         """The set-up that was raveled into a vector, of JAX or of NumPy."""
         v = vector
-        return cls(v[:3], v[3:6], v[6], v[7:9], v[9:11], v[11], v[12:15], v[15], v[16:18], *v[18:])
+        return cls(v[:3], v[3:6], v[6], v[7:9], v[9:11], v[11], v[12:15], v[15], v[16:18], *v[18:23], v[23:])
 
     @property
     def vector(self) -> Float[np.ndarray, " numbers"]:
@@ -89,9 +91,9 @@ class Setup(NamedTuple):
         return np.hstack([self.ior, self.center, self.radius])
 
     @property
-    def tank(self) -> Float[np.ndarray, "6"]:
-        """The tank's numbers: index, tilt, thickness and walls."""
-        return np.hstack([self.ior, self.tilt, self.thickness, self.walls])
+    def tank(self) -> Float[np.ndarray, "8"]:
+        """The tank's numbers: index, tilt, thickness, walls and wedge."""
+        return np.hstack([self.ior, self.tilt, self.thickness, self.walls, self.wedge])
 
     @property
     def walls(self) -> Float[np.ndarray, "2"]:
@@ -99,7 +101,7 @@ class Setup(NamedTuple):
         return np.hstack([self.wall, self.wall_ior])
 
 
-AT = Setup.of(np.arange(23))
+AT = Setup.of(np.arange(25))
 """Where each number lies in the raveled vector."""
 
 COUNT = len(AT.vector)
@@ -214,21 +216,31 @@ def see_through(setup: Setup, size: Size, pixels: Float[Array, "n 2"]) -> Seen:
 
 
 def _through_tank(setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]) -> Seen:
-    """Shift the rays aside, as each layer between parallel faces does; where the tank stands does not matter.
+    """Refract the rays at both faces of the front wall and of the back wall, by Snell's law.
 
-    In a layer of thickness t and index n a ray of direction d and cosine c to the normal moves aside by t d' / (n c_n),
-    where d' is the part of d across the normal and n c_n = sqrt(n^2 - d'^2) by Snell's law; in air by t d' / c.
+    Both faces of a wall are parallel. Where the walls are, too, each layer only shifts the rays aside, and where the
+    tank stands does not matter. Behind a wedge the rays are turned by about (n - 1) times its angle, so that its place
+    matters a little.
     """
-    normal = normalize(jnp.append(setup.tilt, jnp.ones_like(setup.ior)))[:, None]
-    cosine = -dot(d, normal)
-    across = d + cosine * normal
-    squared, shift = dot(across, across), 0.0
-    inside = setup.thickness - 2 * setup.wall
-    for thickness, ior in ((inside, setup.ior), (2 * setup.wall, setup.wall_ior)):
-        in_layer = jnp.sqrt(jnp.maximum(ior * ior - squared, TINY))
-        shift = shift + thickness * (1 / in_layer - 1 / jnp.maximum(cosine, 1e-9))
-    place, distance = on_board(o + shift * across, d)
-    return Seen(place, jnp.zeros_like(distance), (cosine > 1e-9) & (squared < setup.ior**2) & (distance > 0))
+    front, back = (
+        normalize(jnp.append(by, jnp.ones_like(setup.ior)))[:, None] for by in (setup.tilt, setup.tilt + setup.wedge)
+    )
+    wall_ior = jnp.where(setup.wall > 0, setup.wall_ior, setup.ior)
+    faces = (
+        (setup.thickness, front, wall_ior),
+        (setup.thickness - setup.wall, front, setup.ior / wall_ior),
+        (setup.wall, back, wall_ior / setup.ior),
+        (jnp.zeros_like(setup.wall), back, 1 / wall_ior),
+    )
+    valid = jnp.ones(d.shape[1:], bool)
+    for height, normal, ratio in faces:
+        falls = -dot(d, normal)
+        o = o + dot(o - setup.center[:, None] - height * normal, normal) / jnp.maximum(falls, 1e-9) * d
+        d, _, total = refract(d, normal, jnp.broadcast_to(ratio, falls.shape))
+        valid &= (falls > 1e-9) & ~total
+    # A tank that is taken to stand at the board, and is tilted, reaches behind it: its rays are followed back.
+    place, distance = on_board(o, d)
+    return Seen(place, jnp.zeros_like(distance), valid & (d[2] < -1e-12))
 
 
 def _through_ball(setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]) -> Seen:

@@ -272,8 +272,10 @@ def _before_ball(
 
 def _before_tank(camera: FoundCamera, layers: Layers, measured: Measured, known: Known) -> PhotoView:
     """A photograph's camera, and the tank as the markers that are seen through it tell."""
-    sizes = {name: value for name, (value, _) in measured.items()}
-    setup = camera.view.setup._replace(ior=1.4, radius=0.0, **sizes)
+    sizes = {name: np.full(np.shape(getattr(AT, name)), value) for name, (value, _) in measured.items()}
+    # The thickness is that in the middle of what is seen through the tank.
+    middle = np.append(layers.seen.places.mean(axis=0), known.mean[AT.center[2]])
+    setup = camera.view.setup._replace(ior=1.4, radius=0.0, center=middle, **sizes)
     view = camera.view._replace(setup=setup, through=layers.seen)
     return view._replace(setup=adjust([view], known).views[0].setup)
 

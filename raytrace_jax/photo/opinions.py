@@ -20,14 +20,18 @@ NAMES = (
     *("turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z"),
     *("fov", "k1", "k2", "principal_point.x", "principal_point.y"),
     *("index", "center.x", "center.y", "center.z", "radius", "tilt.x", "tilt.y", "thickness", "wall", "wall_index"),
-    *("liquid", "depth"),
+    *("liquid", "depth", "wedge.x", "wedge.y"),
 )
 """The words for the numbers of a set-up, as it is raveled."""
 
 
 def shown(setup: Setup) -> list[int]:
     """Where the numbers of what is looked through, of the ball or of the tank, lie in the raveled set-up."""
-    through = AT.ball if setup.radius > 0 else AT.tank if setup.wall > 0 else np.setdiff1d(AT.tank, AT.walls)
+    through = AT.ball if setup.radius > 0 else AT.tank
+    if setup.wall == 0:
+        through = np.setdiff1d(through, AT.walls)
+    if not np.any(setup.wedge):
+        through = np.setdiff1d(through, AT.wedge)
     return [*through, *([AT.liquid, AT.depth] if setup.depth > 0 else [])]
 
 
@@ -40,6 +44,7 @@ def told(located: Located) -> dict[str, object]:
         "covariance": located.covariance.tolist(),
         "corners": {"direct": len(located.direct.pixels), "through": len(located.through.pixels)},
         "scatter": {"direct": located.sigma[0], "through": located.sigma[1]},
+        "shared": {"direct": located.shared[0], "through": located.shared[1]},
         "blur": located.blur,
         "size": list(located.size),
     }
@@ -124,8 +129,8 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
 def contradictions(adjusted: Adjusted) -> tuple[Contradiction, ...]:
     """What was known before of the lens, and measured of ball or tank, and comes out otherwise."""
     mean, root, _ = adjusted.known
-    # How high a liquid's surface is nobody has stated.
-    known = np.setdiff1d(np.flatnonzero(root.any(axis=0)), AT.depth)
+    # How high a liquid's surface is, and where a tank stands, nobody has stated.
+    known = np.setdiff1d(np.flatnonzero(root[:, :COUNT].any(axis=0)), [AT.depth, *AT.center])
     before = np.sqrt(np.diagonal(np.linalg.inv(root[:, known].T @ root[:, known])))
     after = np.sqrt(np.diagonal(adjusted.covariance))
     return contradicted(
@@ -171,6 +176,7 @@ def budget(adjusted: Adjusted) -> Budget:
     variance = covariance[AT.ior, AT.ior]
     setup, groups = Setup.of(adjusted.joint[:COUNT]), {"lens": AT.lens}
     groups |= {"radius and ruler": [AT.radius]} if setup.radius > 0 else {"thickness and ruler": [AT.thickness]}
+    groups |= {"wedge": AT.wedge} if root[:, AT.wedge].any() else {}
     groups |= {"walls": AT.walls} if setup.wall > 0 else {}
     groups |= {"liquid": [AT.liquid]} if setup.depth > 0 else {}
 

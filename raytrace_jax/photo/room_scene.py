@@ -101,8 +101,22 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
     return RoomScene(scene, uncertain, pairs, whole)
 
 
+def wedge_comment(located: Located) -> str:
+    """What the file of a tank's scene says where walls are out of parallel, for its slab has parallel ones."""
+    if not np.any(located.setup.wedge):
+        return ""
+    x, y = np.rad2deg(located.setup.wedge)
+    return (
+        f"# The walls of the tank were found out of parallel, by a wedge of {x:.3f} and {y:.3f} degrees.\n"
+        "# This slab has parallel walls, so that the scene shows the board a little beside the photograph.\n"
+    )
+
+
 def tank_scene(located: Located) -> Scene:
-    """The scene of a photograph of a tank, in the board's frame and unit of length; where the tank is means nothing."""
+    """The scene of a photograph of a tank, in the board's frame and unit of length; where the tank is means nothing.
+
+    Its walls are parallel: see `wedge_comment`.
+    """
     setup, tilt = located.setup, np.asarray(located.setup.tilt)
     before = 1.1 * float(setup.thickness) + np.linalg.norm(tilt) * np.linalg.norm(located.board.half)
     tank = build.slab(

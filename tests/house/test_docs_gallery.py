@@ -1,12 +1,12 @@
 """The pages on models and the gallery: their scenes, their table and their commands; and the command `gallery`."""
 
-import importlib.util
 import re
 import shlex
 from itertools import groupby
 from types import SimpleNamespace
 
 import numpy as np
+import pictures
 import pytest
 from command_line import run
 from PIL import Image
@@ -20,9 +20,6 @@ from raytrace_jax.tracer.levels.level import MODELS
 from raytrace_jax.tracer.shading.model import black
 
 DOCS = DATA.parent / "docs"
-SPEC = importlib.util.spec_from_file_location("pictures", DOCS / "pictures.py")
-pictures = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(pictures)
 ENTRIES = pictures.entries()
 SCENES = {name.removesuffix(".txt"): text for name, text in pictures.scenes().items()}
 QUICK = [name for name in ENTRIES if name not in ("edges.png", "fit_report.png", "located.png")]

@@ -1,18 +1,12 @@
 """The pages of the site: what MkDocs needs is there, links lead somewhere, and the code of pages runs."""
 
-import os
 import re
-import shlex
-import subprocess
-import sys
 from pathlib import Path
 from types import ModuleType
 
+import blocks
 import pytest
 import yaml
-from command_line import run
-
-from raytrace_jax import FitResult
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -22,7 +16,6 @@ MADE = {"index.md", "commands.md", "contributing.md", "changelog.md"} | NOTEBOOK
 """Pages that `docs/hooks/pages.py` makes when the site is built."""
 
 LINK = re.compile(r"\]\(([^)\s]+)\)")
-BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 SETTINGS = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
@@ -67,25 +60,54 @@ def test_every_public_name_is_documented():
     assert sorted(optics) == sorted(name for name in functions if not name.startswith("_"))
 
 
-@pytest.mark.slow
-@pytest.mark.optimized
-def test_the_commands_of_the_photo_page_run(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    page = (DOCS / "own_picture.md").read_text(encoding="utf-8").replace("\\\n", " ")
-    for block in re.findall(r"^```sh\n(.*?)^```$", page, re.MULTILINE | re.DOTALL):
-        for line in block.splitlines():
-            assert run(*shlex.split(line, comments=True)[1:]) == 0, line
-    estimate = FitResult.load("result")["ball.ior"]
-    assert abs(estimate.value - 1.47) < 3 * estimate.error
-    assert "converged" in capsys.readouterr().out
+def test_blocks_are_found_with_their_output():
+    page = "```python\n1\n```\n\n```text\nout\n```\n\n```sh\na\n```\n\nWords.\n\n```\n$ b\nc\n```\n"
+    found = [(part.language, part.code, part.shown) for part in blocks.blocks(page)]
+    assert found == [("python", "1\n", "out\n"), ("sh", "a\n", None), ("sh", "b\n", "c\n")]
+
+
+@pytest.mark.parametrize(
+    ("printed", "agrees"),
+    [
+        ("ball.ior 1.5 1.519958(67)\nconverged: at rest, -0.00007(31)", True),
+        ("ball.ior 1.5 1.519958(67) converged: at\nrest, -0.00007(31)\n", True),
+        ("ball.ior 1.5 1.519950(73)\nconverged: at rest, -0.00007(31)", True),
+        ("ball.ior 1.5 1.519940(67)\nconverged: at rest, -0.00007(31)", False),
+        ("ball.ior 1.5 1.519958(84)\nconverged: at rest, -0.00007(31)", False),
+        ("ball.ior 1.5 1.519958(67)\nconverged: at rest, 0.00007(31)", False),
+        ("ball.ior 1.5 1.519958(67)\nambiguous: at rest, -0.00007(31)", False),
+        ("ball.ior 1.5 1.519958(67)\nconverged: at rest", False),
+    ],
+)
+def test_pages_differ_by_more_than_rounding(printed, agrees):
+    shown = "ball.ior       1.5      1.519958(67)\nconverged: at rest,\n-0.00007(31)\n"
+    assert blocks.same(shown, printed) is agrees
+
+
+@pytest.mark.parametrize(
+    ("shown", "printed", "agrees"),
+    [
+        ("(3, 48, 64)", "(3, 47, 64)", False),
+        ("camera=64x48", "camera=64x49", False),
+        ("6.666580741335083e-05", "6.666580999999999e-05", True),
+        ("6.666580741335083e-05", "6.6667e-05", False),
+        ("[204.", "[205.", True),
+    ],
+)
+def test_words_agree_by_their_numbers(shown, printed, agrees):
+    assert blocks.same(shown, printed) is agrees
+
+
+def test_blocks_run_and_say_what_fails(tmp_path):
+    page = "```python\nx = 1\n```\n```sh\npip install x && echo a \\\n  b # c\n```\n```python\nprint(x)\n```\n"
+    page += "```sh\nls no.jpg\nfalse\n```\n```python\nprint(y)\n```\n"
+    first, second, third, fourth, last = blocks.run_blocks("page.md", blocks.blocks(page), tmp_path)
+    assert (first.error, second.printed, second.skipped) == ("", "a b\n", ("pip install x",))
+    assert third == blocks.Ran("1\n") and fourth.skipped == ("ls no.jpg",) and "exit code 1" in fourth.error
+    assert "name 'y' is not defined" in last.error
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["tutorial.md", "recipes.md"])
-def test_the_code_of_a_page_runs(name, tmp_path):
-    """All blocks of Python as one program."""
-    program = "\n".join(BLOCK.findall((DOCS / name).read_text(encoding="utf-8")))
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "JAX_ENABLE_X64": "0"}
-    options = {"cwd": tmp_path, "env": environment, "capture_output": True, "text": True}
-    done = subprocess.run([sys.executable, "-"], input=program, check=False, **options)
-    assert done.returncode == 0 and done.stdout, done.stderr
+@pytest.mark.parametrize("name", [name for name in blocks.PAGES if name != "gallery.md"])  # has tests of its own
+def test_a_page_shows_what_its_blocks_print(name, capsys):
+    assert blocks.check(name, write=False), capsys.readouterr().out

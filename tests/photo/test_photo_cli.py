@@ -59,6 +59,8 @@ BAD_INPUT = [
     (2, [*BALL, "--in", "1.333", "--fit"], ["--fit: is for a ball in air, and --in came"]),
     (2, [*PHOTO, "--tank", "60mm"], ["--wall: thickness and index", "write --wall 0mm for a tank without"]),
     (2, [*PHOTO, "--tank", "60mm", "--wall", "0+-0.1mm"], ["--wall: '0+-0.1mm' came, and a length greater than 0"]),
+    (2, [*BALL, "--wedge", "0+-0.1deg"], ["--wedge: is of a tank, and --tank is missing"]),
+    (2, [*TANK, "--wedge", "1deg"], ["--wedge: '1deg' came, and a standard deviation below 10 degrees is wanted"]),
     (2, [*TANK, "--in", "1.333"], ["--in: is for a ball, and --tank came"]),
     (2, [*TANK, "--fit"], ["--fit: is for a ball, and --tank came"]),
     (2, [*PHOTO[:4], "--radius", "20mm"], ["--output"]),
@@ -128,7 +130,8 @@ def test_unmeasured_lengths_are_uncertain(folder, monkeypatch, capsys):
     warned = " ".join(capsys.readouterr().err.split())
     assert "--tank has no standard deviation above 0 and counts as exact: state it as 60.2+-0.05mm" in warned
     assert "--wall has no standard deviation above 0 and counts as exact: state it as 3+-0.1mm,1.49" in warned
-    assert run(*TANK) == 1 and given[5][2].keys() == {"thickness"}
+    assert run(*TANK) == 1 and given[5][2].keys() == {"thickness", "wedge"}
+    assert given[5][2]["wedge"] == (0, pytest.approx(np.radians(0.2)))
     assert "--wall" not in capsys.readouterr().err
 
 

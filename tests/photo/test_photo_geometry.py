@@ -25,7 +25,7 @@ NO_LENS = LENSES[0]
 
 
 def setup_of(lens=NO_LENS, ball=BALL, pose=POSE):
-    return Setup.of(jnp.array([*pose, 35.0, *lens, *ball, *[0.0] * 5, 1.0, 0.0]))
+    return Setup.of(jnp.array([*pose, 35.0, *lens, *ball, *[0.0] * 5, 1.0, 0.0, 0.0, 0.0]))
 
 
 def numeric(function, x, step):

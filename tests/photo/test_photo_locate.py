@@ -116,7 +116,7 @@ def test_a_mirrored_picture_is_told(turn, board):
         calibrate([mirrored] * 3, board)
 
 
-DRAWN = Setup.of(np.array([np.pi, 0, 0, 0, 0, 600.0, 40.0, 0, 0, 0, 0, INDEX, 0, 0, 60, RADIUS, *[0] * 7]))
+DRAWN = Setup.of(np.array([np.pi, 0, 0, 0, 0, 600.0, 40.0, 0, 0, 0, 0, INDEX, 0, 0, 60, RADIUS, *[0] * 9]))
 """A camera straight before the board's middle, and a ball."""
 
 

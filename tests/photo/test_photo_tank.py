@@ -12,11 +12,13 @@ from raytrace_jax.photo import geometry
 from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
 from raytrace_jax.photo.geometry import AT, COUNT, Setup
 from raytrace_jax.photo.lens import LensPrior, uncalibrated
-from raytrace_jax.photo.locate import locate, locate_together
-from raytrace_jax.photo.opinions import budget
+from raytrace_jax.photo.locate import Located, locate, locate_together
+from raytrace_jax.photo.opinions import NAMES, budget, contradictions, shown
 from raytrace_jax.photo.photograph import Corners, photograph_of
+from raytrace_jax.photo.room_scene import tank_scene, wedge_comment
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.tank import layers_of
+from raytrace_jax.scene.writer import save_scene
 
 POSE = [np.pi - 0.2, 0.12, -0.1, 3.0, -2.0, 260.0]
 LENS = LensPrior(np.array([FOV, 0.0, 0.0, 0.0, 0.0]), np.diag([1e-3, 1e-4, 1e-3, 1e-5, 1e-5]) ** 2)
@@ -24,8 +26,9 @@ MEASURED = {"thickness": (60.0, 0.03), "wall": (3.0, 0.02), "wall_ior": (1.49, 0
 INDEX, TILT = 1.36, (0.05, -0.03)
 
 
-def tank(ior=INDEX, tilt=TILT, thickness=60.0, wall=3.0, wall_ior=1.49):
-    numbers = np.array([*POSE, FOV, 0, 0, 0, 0, ior, 0, 0, 0, 0, *tilt, thickness, wall, wall_ior, 1, 0])
+def tank(ior=INDEX, tilt=TILT, thickness=60.0, wall=3.0, wall_ior=1.49, wedge=(0.0, 0.0), center=(0.0, 0.0, 0.0)):
+    numbers = [*POSE, FOV, 0, 0, 0, 0, ior, *center, 0, *tilt, thickness, wall, wall_ior, 1, 0, *wedge]
+    numbers = np.array(numbers, float)
     return Setup.of(numbers)
 
 
@@ -33,6 +36,25 @@ def refracted(d, normal, ratio):
     """Snell's law in vectors; `ratio` is the index before over that behind, and the normal towards the ray."""
     cosine = -d @ normal
     return ratio * d + (ratio * cosine - np.sqrt(1 - ratio**2 * (1 - cosine**2))) * normal
+
+
+@pytest.mark.parametrize("wall", [0.0, 4.0])
+def test_rays_obey_snell_in_a_wedge(wall):
+    """Face by face, where both faces of a wall are parallel, and the back is turned by .3 degrees."""
+    wedge, center = np.radians([0.3, -0.1]), np.array([5.0, 8.0, 40.0])
+    setup, pixels = tank(wall=wall, wedge=wedge, center=center), np.random.default_rng(3).uniform(0, 1, (20, 2)) * SIZE
+    origins, directions = geometry.pixel_rays(Setup.of(jnp.asarray(setup.vector)), SIZE, jnp.asarray(pixels))
+    front, back = (np.append(by, 1.0) / np.linalg.norm([*by, 1.0]) for by in (TILT, TILT + wedge))
+    faces = [(60, front, 1 / 1.49), (60 - wall, front, 1.49 / INDEX), (wall, back, INDEX / 1.49), (0, back, 1.49)]
+    places = []
+    for o, d in zip(np.asarray(origins).T, np.asarray(directions).T, strict=True):
+        for height, normal, ratio in faces:
+            o = o + d * ((center + height * normal - o) @ normal) / (d @ normal)
+            d = refracted(d, normal, ratio)
+        places.append((o - d * o[2] / d[2])[:2])
+    seen = Sight(setup, SIZE).through(pixels)
+    assert seen.valid.all()
+    np.testing.assert_allclose(seen.place, places, atol=1e-9)
 
 
 @pytest.mark.parametrize("wall", [0.0, 4.0])
@@ -173,6 +195,83 @@ def test_thickness_and_index_are_told_together():
         return adjust([view], known).views[0].ior[1]
 
     assert error(30.0) > 20 * error(0.03)
+
+
+def seen_past(setup, seed):
+    """The tank as it is stated, with walls that are parallel, and corners as they are seen, through it and beside."""
+    places = np.stack(np.meshgrid(np.arange(-60, 61, 8.0), np.arange(-45, 46, 8.0)), -1).reshape(-1, 2)
+    noise, sight = np.random.default_rng(seed), Sight(setup, SIZE)
+    pixels, _, seen = sight.where_through(places, np.array([90.0, 70.0]))
+    assert seen.all()
+    groups = [
+        Corners(where + 0.02 * noise.normal(size=where.shape), places, np.full(len(places), 0.02))
+        for where in (sight.where(places), pixels)
+    ]
+    return PhotoView(setup._replace(ior=1.4, wedge=np.zeros(2), center=np.array([0.0, 0.0, 60.0])), SIZE, *groups)
+
+
+KNOWN = known_before(LENS, MEASURED | {"wedge": (0.0, np.radians(0.2))})
+
+
+@pytest.mark.parametrize("gap", [0.0, 40.0, 150.0])
+def test_a_wedge_is_found_beside_the_index(gap):
+    """Of .3 degrees, wherever the tank stands: at the board, or twice its thickness before it."""
+    wedge = np.radians([-0.2, 0.25])
+    found = (adjusted := adjust([seen_past(tank(wedge=wedge, center=(0.0, 0.0, gap)), 5)], KNOWN)).views[0]
+    index, error = found.ior
+    assert abs(index - INDEX) < min(3 * error, 1e-3)
+    assert np.all(np.abs(found.setup.wedge - wedge) < 4 * found.errors.wedge)
+    assert "wedge" in budget(adjusted).parts and not contradictions(adjusted)
+    assert {"wedge.x", "wedge.y"} <= {NAMES[k] for k in shown(found.setup)}
+
+
+def test_photographs_share_one_wedge():
+    """Of a tank that stands elsewhere in each; and one in which no tank is seen tells nothing of where it stands."""
+    wedge, poses = np.radians([0.1, -0.3]), ([*POSE], [np.pi + 0.1, -0.25, 0.2, 0.0, 3.0, 280.0])
+    setups = [
+        tank(wedge=wedge, center=(0.0, 0.0, gap))._replace(rotation=np.array(pose[:3]), translation=np.array(pose[3:]))
+        for gap, pose in zip((10.0, 80.0), poses, strict=True)
+    ]
+    views = [seen_past(setup, seed) for seed, setup in enumerate(setups)]
+    bare = views[0]._replace(through=Corners.none())
+    adjusted = adjust([*views, bare], KNOWN)
+    first, second, _ = adjusted.views
+    np.testing.assert_array_equal(first.setup.wedge, second.setup.wedge)
+    assert np.all(np.abs(first.setup.wedge - wedge) < 4 * first.errors.wedge)
+    assert np.all(first.errors.wedge < adjust(views[:1], KNOWN).views[0].errors.wedge)
+    for seen, gap in ((first, 10), (second, 80)):
+        assert abs(seen.setup.center[2] - gap) < 4 * seen.errors.center[2]
+    index, error = first.ior
+    assert abs(index - INDEX) < min(3 * error, 1e-3)
+    assert not contradictions(adjusted)
+
+
+def test_what_shifts_neighbours_counts_once():
+    """A wall that is not flat shifts all corners of a patch alike: the error is as much larger, and that is told."""
+    view = seen_past(tank(), 3)
+    plain = adjust([view], KNOWN).views[0]
+    places = view.through.places
+    waves = 0.1 * np.stack([np.sin(places[:, 0] / 7 + 1) * np.cos(places[:, 1] / 8), np.cos(places[:, 0] / 8)], -1)
+    shifted = adjust([view._replace(through=view.through._replace(pixels=view.through.pixels + waves))], KNOWN).views[0]
+    assert plain.shared == (1.0, 1.0)
+    assert shifted.shared[0] == 1.0 and 2 < shifted.shared[1] <= 3
+    assert shifted.sigma[1] > 2 * shifted.sigma[0]
+    assert abs(shifted.ior[0] - INDEX) < 3 * shifted.ior[1]
+
+
+@pytest.mark.parametrize(
+    ("wedge", "words"),
+    [
+        ((0.005, 0.0), "# The walls of the tank were found out of parallel, by a wedge of 0.286"),
+        ((0.0, 0.0), "settings"),
+    ],
+)
+def test_a_scene_tells_of_the_wedge(wedge, words, board, tmp_path):
+    """Its slab has parallel walls; where these were stated as parallel it says nothing."""
+    none, setup = Corners.none(), tank(wedge=wedge)
+    located = Located(setup, np.zeros((COUNT, COUNT)), (0.02, 0.02), none, none, board=board, size=SIZE, blur=0.7)
+    text = save_scene(tank_scene(located), tmp_path / "scene.txt", comments=wedge_comment(located))
+    assert text.startswith(words)
 
 
 def test_rays_obey_snell_in_a_liquid():

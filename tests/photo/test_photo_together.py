@@ -35,7 +35,7 @@ COMMON = [*AT.lens, AT.ior, AT.radius]
 
 
 def setup_of(pose, lens, center):
-    return Setup.of(np.concatenate([pose, lens, [INDEX], center, [RADIUS], np.zeros(7)]))
+    return Setup.of(np.concatenate([pose, lens, [INDEX], center, [RADIUS], np.zeros(9)]))
 
 
 def view_of(place, turn=None, seed=0, noise=0.05):

@@ -31,7 +31,7 @@ from raytrace_jax.photo.locate import Located, Together, locate_together
 from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, joined, shown, told_together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.photograph import Photograph
-from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene
+from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene, wedge_comment
 from raytrace_jax.photo.turned import turned_alike
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
@@ -114,7 +114,8 @@ def run_photo(command: Photo) -> int:
             flats, dark = {}, {}
             for k, located in together.located.items():
                 if command.tank:
-                    save_scene(tank_scene(located), folder / f"scene{ends[k]}.txt", model="physical")
+                    file, comments = folder / f"scene{ends[k]}.txt", wedge_comment(located)
+                    save_scene(tank_scene(located), file, model="physical", comments=comments)
                     continue
                 try:
                     flats[k] = flatten(pictures[k][0], located)
@@ -156,6 +157,7 @@ def run_photo(command: Photo) -> int:
 def _in_words(otherwise: Sequence[Contradiction], several: bool, folder: Path) -> str:
     """What the photographs contradict, and what to do."""
     sizes = {"radius": "ball", "thickness": "tank", "wall": "walls", "wall_index": "walls", "liquid": "liquid"}
+    sizes |= {"wedge.x": "tank", "wedge.y": "tank"}
     ways = list(dict.fromkeys(f"measure {sizes[one.name]} and ruler again" for one in otherwise if one.name in sizes))
     ways += ["calibrate with this zoom and focus, and cut no picture"] * any(one.name not in sizes for one in otherwise)
     sheet = folder / ("located*.png" if several else "located.png")
@@ -237,6 +239,13 @@ def print_located(together: Together, paths: Sequence[Path], long: bool = False)
     parts = budget(together.adjusted)
     print_table("parts of the index's error", ("of", "part"), [(name, f"{x:.2g}") for name, x in parts.parts.items()])
     print(parts.advice)
+    for k, located in together.located.items():
+        if max(located.shared) > 1:
+            print_warning(
+                f"{paths[k]}: corners through the tank scatter by {located.sigma[1]:.3f} pixels, and those beside it "
+                f"by {located.sigma[0]:.3f}: something shifts neighbours alike, as walls that are not flat or a liquid "
+                "that is not mixed. The index's error counts the excess once for nine neighbours, and may be too small."
+            )
     for k, (index, error) in together.alone.items():
         if abs(off := index - first.ior[0]) > AGREE * error:
             print_warning(

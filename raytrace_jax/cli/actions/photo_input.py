@@ -1,5 +1,6 @@
 """What `calibrate` and `photo` are given: what was measured of ball or tank, and photographs."""
 
+import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,18 +18,22 @@ from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.bundle import Measured
 from raytrace_jax.photo.markers import is_mirrored
 from raytrace_jax.photo.photograph import Photograph, photograph_of
-from raytrace_jax.util.text import with_tolerance
+from raytrace_jax.util.text import quoted, with_tolerance
 
 UNMEASURED = "100+-0.1 mm"
 """A ruler that nobody measured: printers are right to about a thousandth."""
+
+GLUED = "0+-0.2deg"
+"""How far the walls of a tank that was glued are out of parallel, where nobody says."""
 
 
 def measured_of(command: Photo) -> Measured:
     """What was measured of ball or tank, in the board's millimetres, with standard deviations. Raises UsageError."""
     if (command.radius is None) == (command.tank is None):
         raise UsageError("--radius of a ball or --tank, the thickness of a tank: one of the two is wanted.")
-    if command.wall and command.tank is None:
-        raise UsageError("--wall: is of a tank, and --tank is missing.")
+    for option, text in (("--wall", command.wall), ("--wedge", command.wedge)):
+        if text is not None and command.tank is None:
+            raise UsageError(f"{option}: is of a tank, and --tank is missing.")
     sizes = _sizes_of(command)
     if command.tank and command.wall is None:
         raise UsageError(
@@ -47,7 +52,7 @@ def measured_of(command: Photo) -> Measured:
             return {"radius": radius}
         # Where the surface is hardly matters, for the board lies in the liquid too: some radii above it.
         return {"radius": radius, "liquid": _index("--in", command.liquid), "depth": (5 * radius[0], 4 * radius[0])}
-    measured = {"thickness": there(sizes["--tank"])}
+    measured = {"thickness": there(sizes["--tank"]), "wedge": (0.0, _wedge(command.wedge or GLUED))}
     if sizes["--wall"][0]:
         _, _, ior = str(command.wall).partition(",")
         measured |= {"wall": there(sizes["--wall"]), "wall_ior": _index("--wall", ior)}
@@ -83,6 +88,17 @@ def warn_of_unmeasured(command: Photo) -> None:
         print_warning(
             f"the board's ruler was not measured and counts as {UNMEASURED}: measure it, and state it with --ruler."
         )
+
+
+def _wedge(text: str) -> float:
+    """The standard deviation in radians of a text such as `0+-0.2deg`. Raises UsageError."""
+    value, _, deviation = text.replace("±", "+-").partition("+-")
+    with contextlib.suppress(ValueError):
+        if deviation.endswith("deg") and float(value) == 0 and 0 <= (off := float(deviation[:-3])) < 10:
+            return math.radians(off)
+    raise UsageError(
+        f"--wedge: {quoted(text)} came, and a standard deviation below 10 degrees is wanted, as 0+-0.2deg."
+    )
 
 
 def _index(option: str, text: str) -> tuple[float, float]:

@@ -215,6 +215,9 @@ class Photo(PhotoOptions):
     wall: Annotated[str | None, arg(metavar="LENGTH+-SD,INDEX")] = None
     """Thickness and index of each of the tank's walls, as 3+-0.05mm,1.49; 0mm is a tank without walls. It is wanted
     with --tank, for a wall of 3 mm that is left out moves the index by 0.014."""
+    wedge: Annotated[str | None, arg(metavar="0+-SDdeg")] = None
+    """How far the tank's walls may be out of parallel, about each of two axes: a standard deviation in degrees. Without
+    it 0+-0.2deg counts; 0+-0deg says that they are parallel."""
     output: shared.OutputFolder
     camera: Annotated[Path | None, arg(metavar="CAMERA.txt")] = None
     """The lens, as `raytrace-jax calibrate` writes it; it is turned as EXIF says that the camera was. Without it the
