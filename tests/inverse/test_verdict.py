@@ -327,7 +327,7 @@ def test_what_an_answer_rests_on_is_said():
 
 
 def test_chi_square_tells_understated_noise():
-    counts = np.ones((HEIGHT, WIDTH), bool)
+    counts = np.ones((3, HEIGHT, WIDTH), bool)
     assert chi_square_excess(0.01 * noise(0), counts, 0.01) == 0
     assert chi_square_excess(0.01 * noise(0), counts, None) == 0
     assert chi_square_excess(0.01 * noise(0), counts, 0.02) == 0, "less noise than stated is no harm"
