@@ -68,7 +68,7 @@ class Setup(NamedTuple):
     def of(cls, vector: Float[Any, " numbers"]) -> "Setup":
         """The set-up that was raveled into a vector, of JAX or of NumPy."""
         v = vector
-        return cls(v[:3], v[3:6], v[6], v[7:9], v[9:11], v[11], v[12:15], v[15], v[16:18], *v[18:23], v[23:])
+        return cls(v[:3], v[3:6], v[6], v[7:9], v[9:11], v[11], v[12:15], v[15], v[16:18], *v[18:23], wedge=v[23:])
 
     @property
     def vector(self) -> Float[np.ndarray, " numbers"]:

@@ -55,7 +55,7 @@ def is_near(residual: Image, target: Image, counts: Mask) -> bool:
 
 def explains(state: FitState) -> bool:
     """Whether the picture there explains the target; a picture that is not finite does not."""
-    matters = np.asarray(state.linearization.matters).any(axis=0)
+    matters = np.any(np.asarray(state.linearization.matters), axis=0)
     return state.linearization.is_finite and is_explained(
         state.residual, state.weighted_target, state.observation.counts, matters
     )
