@@ -211,7 +211,7 @@ def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> PinholeV
             lost.append(f"{camera.name}.distortion: the lens is taken to be without")
             camera = dataclasses.replace(camera, distortion=jnp.zeros_like(camera.distortion))
     u, v = (np.array(values) for values in ([0.5, 0.0, 1.0, 0.5, 0.5], [0.5, 0.5, 0.5, 0.0, 1.0]))
-    eye, directions = ray(camera, jnp.asarray(u), jnp.asarray(v))
+    eye, directions = eqx.filter_jit(ray)(camera, jnp.asarray(u), jnp.asarray(v))
     middle, left, right, bottom, top = np.asarray(directions, np.float64).T
     width, height = settings.picture_size(camera.pixeldim)
     step = pixel_step(camera, settings)
