@@ -1,7 +1,7 @@
 """A physical scene in plain numbers, as the writers for other renderers take them and the import makes them."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -118,7 +118,6 @@ class Shape(NamedTuple):
     material: Material
     outside: Material | None = None  # The media on both sides of its surface; None is vacuum.
     inside: Material | None = None
-    is_within: bool = False  # A file that is imported says that a medium is around it.
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
         """A plane's directions to the right and upwards, in which a texture lies on it; see `plane.frame`."""
@@ -268,6 +267,18 @@ def overlap(a: Shape, b: Shape) -> bool:
     plane, ball = (a, b) if a.keyword == "plane" else (b, a)
     height = (ball.numbers["center"] - plane.numbers["point"]) @ _normal(plane)
     return bool(abs(height) < (1 - PARALLEL) * ball.numbers["radius"])
+
+
+def reach(shapes: Iterable[Shape], eye: np.ndarray) -> float:
+    """How far from the eye the farthest of some shapes ends; of a plane, and of flat glass, where its middle is."""
+
+    def far(shape: Shape) -> float:
+        numbers, ends = shape.numbers, not shape.material.is_glass
+        sides = [np.linalg.norm(numbers[side]) for side in ("right", "up") if side in numbers and ends]
+        middle = numbers["point" if shape.keyword == "plane" else "center"]
+        return float(np.linalg.norm(np.subtract(middle, eye)) + numbers.get("radius", 0.0) + sum(sides))
+
+    return max(map(far, shapes), default=0.0)
 
 
 def _normal(plane: Shape) -> np.ndarray:

@@ -34,7 +34,9 @@ def surface_media(scene: Scene, settings: ResolvedSettings) -> SurfaceMedia:
     world, sides, around = jax.device_get(_asked(scene, settings))
     pairs = (zip(*(_places(side[:, k]) for side in sides), strict=True) for k in range(len(world.shapes.types)))
     eye, *far = _places(around)
-    return SurfaceMedia(tuple(Counter(pair).most_common(1)[0][0] for pair in pairs), _hidden(world), eye, frozenset(far))
+    return SurfaceMedia(
+        tuple(Counter(pair).most_common(1)[0][0] for pair in pairs), _hidden(world), eye, frozenset(far)
+    )
 
 
 @eqx.filter_jit
@@ -56,8 +58,11 @@ def _asked(scene: Scene, settings: ResolvedSettings) -> tuple[World, list[Intege
     points = place + jnp.where(is_sphere, shapes.radius * n, jnp.where(is_plane, unit, 0.0) * along)
     owners = jnp.broadcast_to(jnp.arange(count), points.shape[1:])
     hits = _hits(points, n, owners)
-    ways = (jnp.full(hits.shape.shape, from_outside) for from_outside in (True, False))
-    fronts = [media_at(world, hits, way, settings).front.reshape(owners.shape) for way in ways]
+    fronts = []
+    for from_outside in (True, False):
+        front = media_at(world, hits, jnp.full(hits.shape.shape, from_outside), settings).front
+        assert front is not None, "this model has media"
+        fronts.append(front.reshape(owners.shape))
     return world, fronts, innermost(world, _hits(around, jnp.zeros_like(around), nowhere))[0][0]
 
 

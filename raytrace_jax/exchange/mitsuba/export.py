@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 from numpy.typing import ArrayLike
 
-from raytrace_jax.exchange.described import Described, Material, Shape, Texture, overlap
+from raytrace_jax.exchange.described import Described, Material, Shape, Texture, overlap, reach
 from raytrace_jax.exchange.mitsuba.plugins import (
     UPSIDE_DOWN,
     Color,
@@ -129,8 +129,7 @@ class MitsubaWriter:
         numbers = shape.numbers
         if shape.keyword == "plane":
             # A rectangle stands for the plane, half as wide as 1000 times the scene's largest distance.
-            places = [other.numbers.get("point", other.numbers.get("center")) for other in self.scene.shapes]
-            half = 1e3 * max(float(np.linalg.norm(place - self.scene.view.eye)) for place in places)
+            half = 1e3 * reach(self.scene.shapes, self.scene.view.eye)
             (right, up), center, side = (half * axis for axis in shape.axes()), numbers["point"], f"{2 * half:.3g}"
             self.lost.append(f"{shape.name}: a plane without end; a rectangle with sides of {side} stands for it")
         else:
