@@ -118,6 +118,7 @@ class Shape(NamedTuple):
     material: Material
     outside: Material | None = None  # The media on both sides of its surface; None is vacuum.
     inside: Material | None = None
+    is_hidden: bool = False  # Its surface is that of an earlier shape.
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
         """A plane's directions to the right and upwards, in which a texture lies on it; see `plane.frame`."""
@@ -136,7 +137,7 @@ class Described(NamedTuple):
     background: str  # Its name; empty where there is none.
     sky: Texture | None  # The picture all around that `radiance`, the background's, scales.
     lights: tuple[tuple[str, Vector, Vector], ...]  # The name, place and radiant intensity of each point light.
-    shapes: tuple[Shape, ...]  # Without those whose surface is an earlier one's.
+    shapes: tuple[Shape, ...]
     eye_medium: Material | None  # What the camera is in.
     far_media: tuple[Material | None, ...]  # What is far away.
     settings: ResolvedSettings
@@ -171,11 +172,10 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
         return None if place is None else materials[place]
 
     shapes = tuple(
-        Shape(block.keyword, block.name, _numbers(scene, block), material, of(outside), of(inside))
+        Shape(block.keyword, block.name, _numbers(scene, block), material, of(outside), of(inside), is_hidden)
         for block, material, (outside, inside), is_hidden in zip(
             blocks, materials, media.sides, media.hidden, strict=True
         )
-        if not is_hidden
     )
     if settings.has_path_limit:
         lost.append(f"path_limit {settings.path_limit:g}: paths end by their bounces alone")

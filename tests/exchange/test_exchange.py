@@ -77,6 +77,10 @@ SURFACES = {
 def test_surfaces_have_the_media_of_both_sides(kind, tmp_path):
     lost = export_scene(pane(kind), tmp_path / "a.xml", "mitsuba")
     assert media(tmp_path / "a.xml") == SURFACES[kind]
+    # Of oil only media say that it absorbs: its plane is the sea's.
+    root = ElementTree.parse(tmp_path / "a.xml").getroot()
+    assert root.find("integrator").get("type") == "volpath"
+    assert len(root.findall("sensor/medium")) == (kind == "oil")
     assert not any("overlap" in one for one in lost)
 
 
@@ -195,7 +199,7 @@ def test_pov_ray_renders_the_same_picture(name, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["two_balls", "bubble", "board", "checks", "aside", "slab", "walls"])
+@pytest.mark.parametrize("name", ["two_balls", "bubble", "board", "checks", "aside", "slab", "walls", "oil"])
 def test_mitsuba_renders_the_same_picture(name, tmp_path):
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("scalar_rgb")

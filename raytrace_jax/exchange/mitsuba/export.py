@@ -42,7 +42,7 @@ class MitsubaWriter:
         for name, location, intensity in scene.lights:
             values = {"position": Point(_triple(location)), "intensity": _color(intensity)}
             found.append(Plugin("emitter", "point", name, values))
-        found += [self.shape(shape) for shape in scene.shapes if not _parts_nothing(shape)]
+        found += [self.shape(shape) for shape in scene.shapes if not shape.is_hidden and not _parts_nothing(shape)]
         return [self.identified(plugin) for plugin in found]
 
     def identified(self, plugin: Plugin) -> Plugin:
