@@ -118,6 +118,7 @@ class Shape(NamedTuple):
     material: Material
     outside: Material | None = None  # The media on both sides of its surface; None is vacuum.
     inside: Material | None = None
+    around: tuple[Material | None, ...] = ()  # All media that it is in.
     is_hidden: bool = False  # Its surface is that of an earlier shape.
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -172,10 +173,16 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
         return None if place is None else materials[place]
 
     shapes = tuple(
-        Shape(block.keyword, block.name, _numbers(scene, block), material, of(outside), of(inside), is_hidden)
-        for block, material, (outside, inside), is_hidden in zip(
-            blocks, materials, media.sides, media.hidden, strict=True
+        Shape(
+            block.keyword,
+            block.name,
+            _numbers(scene, block),
+            materials[k],
+            *map(of, media.sides[k]),
+            around=tuple(map(of, media.around[k])),
+            is_hidden=media.hidden[k],
         )
+        for k, block in enumerate(blocks)
     )
     if settings.has_path_limit:
         lost.append(f"path_limit {settings.path_limit:g}: paths end by their bounces alone")

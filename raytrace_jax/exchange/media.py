@@ -1,5 +1,6 @@
 """The medium on either side of each surface of a scene, which the tracer's own rule says."""
 
+import itertools
 from collections import Counter
 from typing import NamedTuple
 
@@ -18,12 +19,16 @@ from raytrace_jax.tracer.world import World, prepare_world
 DIRECTIONS = np.random.default_rng(0).normal(size=(3, 15))
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=0)
 """Directions all around, none of them along an axis."""
+PLACES = np.random.default_rng(1).uniform(-1, 1, size=(2, 15))
+PLACES[:, :4] = [-1, -1, 1, 1], [-1, 1, -1, 1]
+"""Places on a rectangle in halves of its sides; the first are its corners."""
 
 
 class SurfaceMedia(NamedTuple):
     """Shapes whose glass is there, by their places in the file; None is vacuum."""
 
     sides: tuple[tuple[int | None, int | None], ...]  # Of each surface what is outside and inside of it.
+    around: tuple[frozenset[int | None], ...]  # All that a surface is in, of which parts may lie in several media.
     hidden: tuple[bool, ...]  # Whether a surface is that of an earlier shape, with which it is crossed.
     eye: int | None  # What the camera is in.
     far: frozenset[int | None]  # What is far away, where a background is.
@@ -31,12 +36,12 @@ class SurfaceMedia(NamedTuple):
 
 def surface_media(scene: Scene, settings: ResolvedSettings) -> SurfaceMedia:
     """The media of a physical scene, of which slabs are planes; where a surface is cut, those of most of it."""
-    world, sides, around = jax.device_get(_asked(scene, settings))
-    pairs = (zip(*(_places(side[:, k]) for side in sides), strict=True) for k in range(len(world.shapes.types)))
-    eye, *far = _places(around)
-    return SurfaceMedia(
-        tuple(Counter(pair).most_common(1)[0][0] for pair in pairs), _hidden(world), eye, frozenset(far)
-    )
+    world, sides, there = jax.device_get(_asked(scene, settings))
+    pairs = [list(zip(*(_places(side[:, k]) for side in sides), strict=True)) for k in range(len(world.shapes.types))]
+    most = tuple(Counter(pair).most_common(1)[0][0] for pair in pairs)
+    around = tuple(frozenset(itertools.chain.from_iterable(pair)) for pair in pairs)
+    eye, *far = _places(there)
+    return SurfaceMedia(most, around, _hidden(world), eye, frozenset(far))
 
 
 @eqx.filter_jit
@@ -50,12 +55,14 @@ def _asked(scene: Scene, settings: ResolvedSettings) -> tuple[World, list[Intege
     nowhere = jnp.full(around.shape[1], NO_SHAPE)
     if not count:
         return world, [], nowhere
-    # Points of a sphere all around, of a plane near the point that the file has, of a rectangle its middle.
+    # Points of a sphere all around, of a plane near the point that the file has, of a rectangle all over it.
     place, normal, directions = shapes.position[:, None], shapes.normal[:, None], directions[..., None]
     is_sphere, is_plane = (np.array(shapes.types) == keyword for keyword in ("sphere", "plane"))
     n = jnp.where(is_sphere, directions, normal)
     along = directions - normal * jnp.sum(normal * directions, axis=0)
     points = place + jnp.where(is_sphere, shapes.radius * n, jnp.where(is_plane, unit, 0.0) * along)
+    if shapes.axes is not None:
+        points += jnp.einsum("ak,ais->iks", jnp.asarray(PLACES, points.dtype), shapes.axes)
     owners = jnp.broadcast_to(jnp.arange(count), points.shape[1:])
     hits = _hits(points, n, owners)
     fronts = []

@@ -185,7 +185,8 @@ def _lost(scene: Described) -> list[str]:
         for shape in scene.shapes
         if np.any(shape.material.emission) or (scene.lights and np.any(shape.material.diffuse))
     ]
-    begins = {_index(shape.outside) for shape in shining} | {_index(one) for one in scene.far_media if scene.background}
+    begins = {_index(one) for shape in shining for one in shape.around}
+    begins |= {_index(one) for one in scene.far_media if scene.background}
     if begins - {_index(scene.eye_medium)}:
         lost.append("light from within glass, or seen from within: Mitsuba scales radiance by the squared index")
     if any(overlap(a, b) for k, a in enumerate(glass) for b in glass[:k]):
