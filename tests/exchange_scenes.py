@@ -60,6 +60,8 @@ def pane(kind):
         ],
     }
     bubble = (0.2, -0.9, 0.0) if kind == "oil" else (0.2, 0.0, -0.2)
+    # The board is above the sea.
+    board = (0.1, 2.4 if kind == "oil" else 0.2, -2.3)
     return build.make_scene(
         build.settings("main", model="physical", max_bounces=8),
         build.camera("eye", **CAMERA),
@@ -68,7 +70,7 @@ def pane(kind):
         build.material("glass", transmission=1.0, ior=1.5, absorption=(0.1, 0.2, 0.3)),
         build.material("water", transmission=1.0, ior=1.25),
         build.material("air", transmission=1.0, ior=1.0),
-        build.rectangle("back", material="board", center=(0.1, 0.2, -2.3), right=(2.7, 0.0, 0.0), up=(0.0, 2.7, 0.0)),
+        build.rectangle("back", material="board", center=board, right=(2.7, 0.0, 0.0), up=(0.0, 2.7, 0.0)),
         *shapes[kind],
         build.sphere("bubble", material="air", center=bubble, radius=0.3),
         dtype=np.float64,

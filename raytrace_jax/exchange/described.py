@@ -1,7 +1,7 @@
 """A physical scene in plain numbers, as the writers for other renderers take them and the import makes them."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -118,7 +118,8 @@ class Shape(NamedTuple):
     material: Material
     outside: Material | None = None  # The media on both sides of its surface; None is vacuum.
     inside: Material | None = None
-    is_within: bool = False  # A file that is imported says that a medium is around it.
+    around: tuple[Material | None, ...] = ()  # All media that it is in.
+    is_hidden: bool = False  # Its surface is that of an earlier shape.
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
         """A plane's directions to the right and upwards, in which a texture lies on it; see `plane.frame`."""
@@ -137,7 +138,7 @@ class Described(NamedTuple):
     background: str  # Its name; empty where there is none.
     sky: Texture | None  # The picture all around that `radiance`, the background's, scales.
     lights: tuple[tuple[str, Vector, Vector], ...]  # The name, place and radiant intensity of each point light.
-    shapes: tuple[Shape, ...]  # Without those whose surface is an earlier one's.
+    shapes: tuple[Shape, ...]
     eye_medium: Material | None  # What the camera is in.
     far_media: tuple[Material | None, ...]  # What is far away.
     settings: ResolvedSettings
@@ -172,11 +173,16 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
         return None if place is None else materials[place]
 
     shapes = tuple(
-        Shape(block.keyword, block.name, _numbers(scene, block), material, of(outside), of(inside))
-        for block, material, (outside, inside), is_hidden in zip(
-            blocks, materials, media.sides, media.hidden, strict=True
+        Shape(
+            block.keyword,
+            block.name,
+            _numbers(scene, block),
+            materials[k],
+            *map(of, media.sides[k]),
+            around=tuple(map(of, media.around[k])),
+            is_hidden=media.hidden[k],
         )
-        if not is_hidden
+        for k, block in enumerate(blocks)
     )
     if settings.has_path_limit:
         lost.append(f"path_limit {settings.path_limit:g}: paths end by their bounces alone")
@@ -211,7 +217,7 @@ def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> PinholeV
             lost.append(f"{camera.name}.distortion: the lens is taken to be without")
             camera = dataclasses.replace(camera, distortion=jnp.zeros_like(camera.distortion))
     u, v = (np.array(values) for values in ([0.5, 0.0, 1.0, 0.5, 0.5], [0.5, 0.5, 0.5, 0.0, 1.0]))
-    eye, directions = ray(camera, jnp.asarray(u), jnp.asarray(v))
+    eye, directions = eqx.filter_jit(ray)(camera, jnp.asarray(u), jnp.asarray(v))
     middle, left, right, bottom, top = np.asarray(directions, np.float64).T
     width, height = settings.picture_size(camera.pixeldim)
     step = pixel_step(camera, settings)
@@ -268,6 +274,18 @@ def overlap(a: Shape, b: Shape) -> bool:
     plane, ball = (a, b) if a.keyword == "plane" else (b, a)
     height = (ball.numbers["center"] - plane.numbers["point"]) @ _normal(plane)
     return bool(abs(height) < (1 - PARALLEL) * ball.numbers["radius"])
+
+
+def reach(shapes: Iterable[Shape], eye: np.ndarray) -> float:
+    """How far from the eye the farthest of some shapes ends; of a plane, and of flat glass, where its middle is."""
+
+    def far(shape: Shape) -> float:
+        numbers, ends = shape.numbers, not shape.material.is_glass
+        sides = [np.linalg.norm(numbers[side]) for side in ("right", "up") if side in numbers and ends]
+        middle = numbers["point" if shape.keyword == "plane" else "center"]
+        return float(np.linalg.norm(np.subtract(middle, eye)) + numbers.get("radius", 0.0) + sum(sides))
+
+    return max(map(far, shapes), default=0.0)
 
 
 def _normal(plane: Shape) -> np.ndarray:

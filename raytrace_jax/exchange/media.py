@@ -1,14 +1,17 @@
 """The medium on either side of each surface of a scene, which the tracer's own rule says."""
 
+import itertools
 from collections import Counter
 from typing import NamedTuple
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from raytrace_jax.scene.scene import Scene, least_distance
 from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Integers, Vectors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.physical import innermost, media_at
 from raytrace_jax.tracer.world import World, prepare_world
@@ -16,12 +19,16 @@ from raytrace_jax.tracer.world import World, prepare_world
 DIRECTIONS = np.random.default_rng(0).normal(size=(3, 15))
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=0)
 """Directions all around, none of them along an axis."""
+PLACES = np.random.default_rng(1).uniform(-1, 1, size=(2, 15))
+PLACES[:, :4] = [-1, -1, 1, 1], [-1, 1, -1, 1]
+"""Places on a rectangle in halves of its sides; the first are its corners."""
 
 
 class SurfaceMedia(NamedTuple):
     """Shapes whose glass is there, by their places in the file; None is vacuum."""
 
     sides: tuple[tuple[int | None, int | None], ...]  # Of each surface what is outside and inside of it.
+    around: tuple[frozenset[int | None], ...]  # All that a surface is in, of which parts may lie in several media.
     hidden: tuple[bool, ...]  # Whether a surface is that of an earlier shape, with which it is crossed.
     eye: int | None  # What the camera is in.
     far: frozenset[int | None]  # What is far away, where a background is.
@@ -29,45 +36,51 @@ class SurfaceMedia(NamedTuple):
 
 def surface_media(scene: Scene, settings: ResolvedSettings) -> SurfaceMedia:
     """The media of a physical scene, of which slabs are planes; where a surface is cut, those of most of it."""
-    world = prepare_world(scene, settings)
-    shapes, unit = world.shapes, float(world.unit)
-    count, (position, normal) = len(shapes.types), np.asarray([shapes.position, shapes.normal], np.float64)
-    # Points of a sphere all around, of a plane near the point that the file has, of a rectangle its middle.
-    n = np.repeat(normal[:, None], DIRECTIONS.shape[1], axis=1)
-    n[..., is_sphere := np.array(shapes.types) == "sphere"] = DIRECTIONS[..., None]
-    along = DIRECTIONS[..., None] - normal[:, None] * np.einsum("is,ik->ks", normal, DIRECTIONS)
-    reach = np.where(np.array(shapes.types) == "plane", unit, 0.0)
-    offsets = np.where(is_sphere, np.asarray(shapes.radius) * n, reach * along)
-    owners = np.broadcast_to(np.arange(count), n.shape[1:])
-    found = []
-    if count:
-        hits = _hits(world, position[:, None] + offsets, n, owners)
-        for from_outside in (True, False):
-            front = media_at(world, hits, jnp.full(hits.shape.shape, from_outside), settings).front
-            found.append(np.asarray(front).reshape(owners.shape))
-    sides = tuple(
-        Counter(zip(*(_places(side[:, k]) for side in found), strict=True)).most_common(1)[0][0] for k in range(count)
-    )
-    eye = np.asarray(scene.camera.viewpoint, np.float64)[:, None]
+    world, sides, there = jax.device_get(_asked(scene, settings))
+    pairs = [list(zip(*(_places(side[:, k]) for side in sides), strict=True)) for k in range(len(world.shapes.types))]
+    most = tuple(Counter(pair).most_common(1)[0][0] for pair in pairs)
+    around = tuple(frozenset(itertools.chain.from_iterable(pair)) for pair in pairs)
+    eye, *far = _places(there)
+    return SurfaceMedia(most, around, _hidden(world), eye, frozenset(far))
+
+
+@eqx.filter_jit
+def _asked(scene: Scene, settings: ResolvedSettings) -> tuple[World, list[Integers], Integers]:
+    """The world; what is outside and inside of each shape, at points of it; and what is at the eye and far away."""
+    world = prepare_world(scene, settings, pyramids=())
+    shapes, unit, directions = world.shapes, world.unit, jnp.asarray(DIRECTIONS, world.shapes.position.dtype)
+    count, eye = len(shapes.types), jnp.asarray(scene.camera.viewpoint, directions.dtype)[:, None]
     # Far beyond all that the camera shows.
-    around = np.concatenate([eye, eye + 1e6 * unit * DIRECTIONS], axis=1)
-    here = np.full(around.shape[1], NO_SHAPE)
-    there = here
-    if count:
-        there = np.asarray(innermost(world, _hits(world, around, np.zeros_like(around), here))[0][0])
-    at_eye, *far = _places(there)
-    return SurfaceMedia(sides, _hidden(world), at_eye, frozenset(far))
+    around = jnp.concatenate([eye, eye + 1e6 * unit * directions], axis=1)
+    nowhere = jnp.full(around.shape[1], NO_SHAPE)
+    if not count:
+        return world, [], nowhere
+    # Points of a sphere all around, of a plane near the point that the file has, of a rectangle all over it.
+    place, normal, directions = shapes.position[:, None], shapes.normal[:, None], directions[..., None]
+    is_sphere, is_plane = (np.array(shapes.types) == keyword for keyword in ("sphere", "plane"))
+    n = jnp.where(is_sphere, directions, normal)
+    along = directions - normal * jnp.sum(normal * directions, axis=0)
+    points = place + jnp.where(is_sphere, shapes.radius * n, jnp.where(is_plane, unit, 0.0) * along)
+    if shapes.axes is not None:
+        points += jnp.einsum("ak,ais->iks", jnp.asarray(PLACES, points.dtype), shapes.axes)
+    owners = jnp.broadcast_to(jnp.arange(count), points.shape[1:])
+    hits = _hits(points, n, owners)
+    fronts = []
+    for from_outside in (True, False):
+        front = media_at(world, hits, jnp.full(hits.shape.shape, from_outside), settings).front
+        assert front is not None, "this model has media"
+        fronts.append(front.reshape(owners.shape))
+    return world, fronts, innermost(world, _hits(around, jnp.zeros_like(around), nowhere))[0][0]
 
 
 def _places(shapes: np.ndarray) -> list[int | None]:
     return [None if k == NO_SHAPE else k for k in shapes.tolist()]
 
 
-def _hits(world: World, p: np.ndarray, n: np.ndarray, shape: np.ndarray) -> Hits:
-    dtype = world.shapes.position.dtype
-    points, normals = (jnp.asarray(vectors.reshape(3, -1), dtype) for vectors in (p, n))
+def _hits(p: Vectors, n: Vectors, shape: Integers) -> Hits:
+    points, normals = p.reshape(3, -1), n.reshape(3, -1)
     nothing = jnp.zeros_like(points[0])
-    return Hits(nothing == 0, nothing, points, normals, jnp.asarray(shape.ravel(), jnp.int32), nothing)
+    return Hits(nothing == 0, nothing, points, normals, shape.ravel().astype(jnp.int32), nothing)
 
 
 def _hidden(world: World) -> tuple[bool, ...]:

@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 from numpy.typing import ArrayLike
 
-from raytrace_jax.exchange.described import Described, Material, Shape, Texture, overlap
+from raytrace_jax.exchange.described import Described, Material, Shape, Texture, overlap, reach
 from raytrace_jax.exchange.mitsuba.plugins import (
     UPSIDE_DOWN,
     Color,
@@ -42,7 +42,7 @@ class MitsubaWriter:
         for name, location, intensity in scene.lights:
             values = {"position": Point(_triple(location)), "intensity": _color(intensity)}
             found.append(Plugin("emitter", "point", name, values))
-        found += [self.shape(shape) for shape in scene.shapes if not _parts_nothing(shape)]
+        found += [self.shape(shape) for shape in scene.shapes if not shape.is_hidden and not _parts_nothing(shape)]
         return [self.identified(plugin) for plugin in found]
 
     def identified(self, plugin: Plugin) -> Plugin:
@@ -129,8 +129,7 @@ class MitsubaWriter:
         numbers = shape.numbers
         if shape.keyword == "plane":
             # A rectangle stands for the plane, half as wide as 1000 times the scene's largest distance.
-            places = [other.numbers.get("point", other.numbers.get("center")) for other in self.scene.shapes]
-            half = 1e3 * max(float(np.linalg.norm(place - self.scene.view.eye)) for place in places)
+            half = 1e3 * reach(self.scene.shapes, self.scene.view.eye)
             (right, up), center, side = (half * axis for axis in shape.axes()), numbers["point"], f"{2 * half:.3g}"
             self.lost.append(f"{shape.name}: a plane without end; a rectangle with sides of {side} stands for it")
         else:
@@ -186,7 +185,8 @@ def _lost(scene: Described) -> list[str]:
         for shape in scene.shapes
         if np.any(shape.material.emission) or (scene.lights and np.any(shape.material.diffuse))
     ]
-    begins = {_index(shape.outside) for shape in shining} | {_index(one) for one in scene.far_media if scene.background}
+    begins = {_index(one) for shape in shining for one in shape.around}
+    begins |= {_index(one) for one in scene.far_media if scene.background}
     if begins - {_index(scene.eye_medium)}:
         lost.append("light from within glass, or seen from within: Mitsuba scales radiance by the squared index")
     if any(overlap(a, b) for k, a in enumerate(glass) for b in glass[:k]):

@@ -4,6 +4,7 @@ import dataclasses
 import math
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,18 @@ from jax.typing import DTypeLike
 
 from raytrace_jax.errors import RaytraceError, SceneError
 from raytrace_jax.exchange.described import BLACK, Material, Shape
-from raytrace_jax.exchange.media import surface_media
+from raytrace_jax.exchange.media import SurfaceMedia, surface_media
 from raytrace_jax.exchange.mitsuba.parser import KNOWN, read_plugins, unread_properties
 from raytrace_jax.exchange.mitsuba.plugins import Plugin, numbered
-from raytrace_jax.exchange.mitsuba.shapes import deepest_first, read_shape, read_sky, with_indices
+from raytrace_jax.exchange.mitsuba.shapes import (
+    deepest_first,
+    endless_glass,
+    other_side,
+    read_medium,
+    read_shape,
+    read_sky,
+    with_indices,
+)
 from raytrace_jax.images.exif import DIAGONAL_OF_FILM
 from raytrace_jax.scene import build
 from raytrace_jax.scene.rows import Description
@@ -62,6 +71,7 @@ class _Importer:
         self.path = path
         self.lost: list[str] = []
         self.camera: Description | None = None
+        self.eye_medium = Material("")
         self.settings: dict[str, Any] = {"model": "physical"}
         self.background: list[Description] = []
         self.others: list[Description] = []
@@ -92,6 +102,7 @@ class _Importer:
         if self.camera is not None or plugin.kind not in ("perspective", "thinlens"):
             self.lost.append(f"sensor {plugin.name or plugin.kind} of type {plugin.kind}")
             return
+        self.eye_medium = read_medium(plugin.values.get("medium"), self.eye_medium, self.lost)
         self.camera = read_camera(plugin, self.name("camera", plugin.name or "eye"), self.lost)
 
     def read_emitter(self, plugin: Plugin) -> None:
@@ -152,13 +163,27 @@ class _Importer:
     def shapes_in_media(self, dtype: DTypeLike | None) -> list[Shape]:
         """The shapes in the order in which the tracer has the file's media, with indices against vacuum."""
         assert self.camera is not None
-        shapes = deepest_first(self.shapes)
+        shapes = deepest_first(endless_glass(self.shapes, self.camera.values["viewpoint"], self.lost))
+        media = self.media(shapes, dtype)
+        for shape, (outside, _) in zip(list(shapes), media.sides, strict=True):
+            # One plane of a medium without end does for all shapes in it.
+            if shape.keyword == "plane" and shape.outside is not None and outside is None:
+                shapes.append(other_side(shape, self.name("shape", f"{shape.name}_outside")))
+                media = self.media(shapes, dtype)
+                break
+        eye = BLACK if media.eye is None else shapes[media.eye].material.absorption
+        if not np.allclose(self.eye_medium.absorption, eye):
+            self.lost.append("sensor: medium; what is around it here absorbs otherwise")
+        return with_indices(shapes, media, self.lost)
+
+    def media(self, shapes: Sequence[Shape], dtype: DTypeLike | None) -> SurfaceMedia:
+        assert self.camera is not None
         blocks = [build.material("clear", transmission=1.0), build.material("dark")]
         for shape in shapes:
             material = "clear" if shape.material.is_glass else "dark"
             blocks.append(CONSTRUCTORS[shape.keyword](shape.name, material=material, **shape.numbers))
         scene = build.make_scene(build.settings("main", model="physical"), self.camera, *blocks, dtype=dtype)
-        return with_indices(shapes, surface_media(scene, resolve_settings(scene, None)), self.lost)
+        return surface_media(scene, resolve_settings(scene, None))
 
 
 CONSTRUCTORS = {"sphere": build.sphere, "rectangle": build.rectangle, "plane": build.plane}

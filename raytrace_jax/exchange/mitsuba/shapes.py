@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.described import BLACK, Material, Shape, Texture
+from raytrace_jax.exchange.described import BLACK, Material, Shape, Texture, reach
 from raytrace_jax.exchange.media import SurfaceMedia
 from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, Plugin, Value
 from raytrace_jax.images.pictures import read_whole_picture
@@ -48,21 +48,14 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
             lost.append("a mirror in to_world" if is_mirrored else "flip_normals")
     surface = read_medium(plugin.values.get(inner), surface, lost)
     surface = read_radiance(plugin, path, halves, surface, lost)
-    if is_flat and surface.inside:
-        # No end of it is seen where its sides are so many times as long as it is far.
-        far = 100 * np.linalg.norm(np.subtract(numbers["center"], numbers["center"] if eye is None else eye))
-        if halves is None or halves.min() < far:
-            lost.append("flat glass that ends, which has no inside here; it is left out")
-            return None
-        side = -1 if plugin.values.get("flip_normals") is True else 1
-        normal = side * np.cross(numbers["right"] / halves[0], numbers["up"] / halves[1])
-        numbers = {"point": numbers["center"], "normal": tuple(normal.tolist())}
-        return Shape("plane", "", numbers, surface, is_within=outer in plugin.values)
+    around = read_medium(plugin.values.get(outer), Material("", ior=surface.outside), lost)
+    if is_flat and surface.inside and plugin.values.get("flip_normals") is True:
+        numbers["right"] = tuple(-x for x in numbers["right"])
     if is_flat and surface.emission != BLACK and eye is not None:
         side = -1 if plugin.values.get("flip_normals") is True else 1
         if side * np.cross(numbers["right"], numbers["up"]) @ np.subtract(eye, numbers["center"]) < 0:
             lost.append("it shines to the camera too, from its back")
-    return Shape(plugin.kind, "", numbers, surface, is_within=outer in plugin.values)
+    return Shape(plugin.kind, "", numbers, surface, outside=around if np.any(around.absorption) else None)
 
 
 def _numbers(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
@@ -80,6 +73,33 @@ def _numbers(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
         lost.append("its sides are not at right angles")
         return None
     return {"center": tuple(matrix[:3, 3].tolist()), "right": tuple(right.tolist()), "up": tuple(up.tolist())}
+
+
+def endless_glass(shapes: Sequence[Shape], eye: Sequence[float], lost: list[str]) -> list[Shape]:
+    """The shapes with planes for rectangles of glass so large that no end of them is seen; others are left out."""
+    found, far = [], 100 * reach(shapes, np.asarray(eye))
+    for shape in shapes:
+        if shape.keyword == "rectangle" and shape.material.is_glass:
+            right, up = (np.asarray(shape.numbers[side]) for side in ("right", "up"))
+            if not 0 < far <= min(np.linalg.norm(right), np.linalg.norm(up)):
+                lost.append(f"shape {shape.name}: flat glass that ends, which has no inside here; it is left out")
+                continue
+            normal = np.cross(right / np.linalg.norm(right), up / np.linalg.norm(up))
+            numbers = {"point": shape.numbers["center"], "normal": tuple(normal.tolist())}
+            shape = shape._replace(keyword="plane", numbers=numbers)
+        found.append(shape)
+    return found
+
+
+def other_side(plane: Shape, name: str) -> Shape:
+    """What absorbs outside of a plane, as a plane that looks the other way."""
+    assert plane.outside is not None
+    material, said = plane.material, plane.outside
+    medium = dataclasses.replace(
+        said, transmission=1.0, inside=material.outside, outside=material.inside, ior=material.outside / material.inside
+    )
+    numbers = plane.numbers | {"normal": tuple(-x for x in plane.numbers["normal"])}
+    return Shape("plane", name, numbers, medium)
 
 
 def deepest_first(shapes: Sequence[Shape]) -> list[Shape]:
@@ -104,8 +124,10 @@ def with_indices(shapes: Sequence[Shape], media: SurfaceMedia, lost: list[str]) 
     def glass(place: int, within: frozenset[int] = frozenset()) -> Material:
         if place not in done:
             material, around = shapes[place].material, media.sides[place][0]
-            # Surfaces that cut may each lie in the other.
-            outer = None if around is None or around in within else glass(around, within | {place})
+            # Surfaces that cut, and both sides of a plane, may each lie in the other: the file's index is from vacuum.
+            if around in within:
+                return dataclasses.replace(material, ior=material.inside)
+            outer = None if around is None else glass(around, within | {place})
             ior = material.inside / material.outside * (1.0 if outer is None else outer.ior)
             if outer is not None and outer.inside == material.outside:
                 ior = material.inside * (outer.ior / outer.inside)  # Exact where the file's indices are.
@@ -119,8 +141,9 @@ def with_indices(shapes: Sequence[Shape], media: SurfaceMedia, lost: list[str]) 
             shape = shape._replace(material=dataclasses.replace(glass(place), inside=0.0, outside=1.0))
             if inside != place:
                 lost.append(f"shape {shape.name}: glass in glass of which here the smaller decides, not its surface")
-        if shape.is_within and outside is None:
-            lost.append(f"shape {shape.name}: exterior; there is nothing around it")
+        around = BLACK if outside is None else shapes[outside].material.absorption
+        if shape.outside is not None and not np.allclose(shape.outside.absorption, around):
+            lost.append(f"shape {shape.name}: exterior; what is around it here absorbs otherwise")
         found.append(shape)
     return found
 
