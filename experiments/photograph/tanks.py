@@ -23,7 +23,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from povray import PAPERS, SIZE, any_camera, camera, made, pattern_size, pixels, printed, rendered, v
+from povray import PAPERS, SIZE, any_camera, camera, made, pattern_size, pixels, printed, v
 from rooms import CAMERAS, Chain, calibrate, take
 
 PAPER = "a4"
@@ -34,7 +34,7 @@ VIEWS = CAMERAS[::2]
 
 WIDE = range(11, 21)
 WIDE_VIEW, WIDE_LENS = 52.0, [-0.085, 0.0, 0.005, -0.003]
-"""Tanks before a wide lens, and that lens: its angle of view; k1, k2 and the principal point in widths of the picture."""
+"""Tanks before a wide lens, and that lens: its angle of view; k1, k2 and the principal point in widths of a picture."""
 
 WITHOUT_WALLS = (3, 6, 9, *WIDE[::2])
 TOUCHING = 5

@@ -139,14 +139,14 @@ def test_rays_of_a_tilted_camera_obey_snell(index):
 
 
 STEPS = np.array([1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 0.3, 1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4])
-STEPS = np.append(STEPS, [1e-6, 1e-6, *[1e-4] * 5])
+STEPS = np.append(STEPS, [1e-6, 1e-6, *[1e-4] * 5, 1e-6, 1e-6])
 """For each number of camera, ball and tank: about as much as moves a ray by a thousandth of a pixel; k2 by less, for
 near the middle it does nearly nothing."""
 
 OF_BALL = ~np.isin(np.arange(COUNT), [AT.thickness, AT.depth])
 """A thickness would be that of a tank in place of the ball, a depth that of a liquid below it."""
 
-LEAST_SCALE = np.array([0.0] * 11 + [1.0] * 12)[OF_BALL]
+LEAST_SCALE = np.array([0.0] * 11 + [1.0] * (COUNT - 11))[OF_BALL]
 """Of a derivative, below which it is not compared as a share: where the index is 1 a ball's place changes nothing."""
 
 
