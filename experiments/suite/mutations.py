@@ -85,8 +85,8 @@ MUTATIONS = {
     ),
     "degrees_of_freedom": Mutation(
         "inverse/judge/uncertainty.py",
-        "freedom = 3 * int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)",
         "freedom = int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)",
+        "freedom = int(np.sum(linearization.matters)) // 3 - len(state.problem.unknowns.names)",
         "uncertainty observation",
     ),
     "bias_sign": Mutation(

@@ -90,7 +90,7 @@ def test_the_pictures_are_the_result_s():
         np.asarray(Image.open(io.BytesIO(stored))), np.floor(255 * result.pictures.target).T.swapaxes(0, 1)
     )
     many = np.zeros((3, 2, 3300))
-    large = changed(result, pictures={"target": many, "estimate": many, "start": many, "weights": many[0] + 1})
+    large = changed(result, pictures={"target": many, "estimate": many, "start": many, "weights": many + 1})
     assert [int(image["width"]) for image in page_of(large).images()[:4]] == [1100] * 4
 
 
