@@ -44,6 +44,17 @@ def test_a_channel_without_weight_moves_nothing():
     np.testing.assert_array_equal(result.pictures.weights, weight)
 
 
+def test_a_residual_is_weighted_per_channel():
+    weight = np.ones((3, 18, 24))
+    weight[0], weight[2] = 4, 0
+    plain, weighted = (
+        make_residual(SCENE, picture(1.52), ["crown.ior"], AREAS, weights=one) for one in (None, weight)
+    )
+    residual, found = (np.asarray(one.residual(one.start)[0]) for one in (plain, weighted))
+    np.testing.assert_allclose(found, np.sqrt(weight) * residual, rtol=1e-12, atol=1e-15)
+    assert np.abs(found[0]).max() > 0.1 and not found[2].any()
+
+
 @pytest.mark.parametrize("y", [np.ones(1), np.ones((2, 2)), 1.0, np.ones(5), "a", np.ones(2) + 0j])
 def test_unknowns_of_another_shape_are_refused(y):
     residual = make_residual(SCENE, picture(1.52), ["crown.ior", "ball.radius"], AREAS)
