@@ -84,7 +84,9 @@ def main() -> None:
             found[name] = run(pieces[name], (chosen.output / "cache").absolute())
             results.write_text(json.dumps(found, indent=1) + "\n")
         print(f"{name}: {found[name]['said']}", *found[name]["failed"], sep="\n  ", flush=True)
-    print(f"{sum(not one['failed'] for one in found.values())} of {len(found)} without a failure")
+    failures = sum(bool(one["failed"]) for one in found.values())
+    print(f"{len(found) - failures} of {len(found)} without a failure")
+    sys.exit(bool(failures))
 
 
 if __name__ == "__main__":
