@@ -227,17 +227,20 @@ def _through_tank(setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]) 
     )
     wall_ior = jnp.where(setup.wall > 0, setup.wall_ior, setup.ior)
     faces = (
-        (setup.thickness, front, wall_ior),
-        (setup.thickness - setup.wall, front, setup.ior / wall_ior),
-        (setup.wall, back, wall_ior / setup.ior),
-        (jnp.zeros_like(setup.wall), back, 1 / wall_ior),
+        jnp.stack([setup.thickness, setup.thickness - setup.wall, setup.wall, jnp.zeros_like(setup.wall)]),
+        jnp.stack([front, front, back, back]),
+        jnp.stack([wall_ior, setup.ior / wall_ior, wall_ior / setup.ior, 1 / wall_ior]),
     )
-    valid = jnp.ones(d.shape[1:], bool)
-    for height, normal, ratio in faces:
+
+    def meet(ray, face):
+        (o, d, valid), (height, normal, ratio) = ray, face
         falls = -dot(d, normal)
         o = o + dot(o - setup.center[:, None] - height * normal, normal) / jnp.maximum(falls, 1e-9) * d
         d, _, total = refract(d, normal, jnp.broadcast_to(ratio, falls.shape))
-        valid &= (falls > 1e-9) & ~total
+        return (o, d, valid & (falls > 1e-9) & ~total), None
+
+    # A loop: four copies of it take four times as long to compile.
+    (o, d, valid), _ = jax.lax.scan(meet, (o, d, jnp.ones(d.shape[1:], bool)), faces)
     # A tank that is taken to stand at the board, and is tilted, reaches behind it: its rays are followed back.
     place, distance = on_board(o, d)
     return Seen(place, jnp.zeros_like(distance), valid & (d[2] < -1e-12))
