@@ -178,6 +178,7 @@ class Calibrate(PhotoOptions):
     Take three pictures or more with the zoom, focus and size of the photograph, each tilted by 20 to 45 degrees to
     another side, the board large in them. The camera may be turned, if EXIF says so: the lens is as the sensor has it.
     The angle of view, k1, k2 and the principal point are printed: 39.61(12) is 39.61 with a standard deviation of 0.12.
+    It needs OpenCV, of the extra `photo`.
 
     Example: raytrace-jax calibrate tilted*.jpg --board board.txt -o camera.txt
     """
