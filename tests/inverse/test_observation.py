@@ -115,7 +115,7 @@ GREY = np.full_like(TARGET, 0.25)
         (TARGET, with_value(-1.0, (0, 0), (3, 3), of=HOLE), "2 values that are negative, NaN or infinite"),
         (TARGET, with_value(np.inf, (0, 0), of=HOLE), "1 values that are negative, NaN or infinite"),
         (TARGET, 0 * HOLE, "the mask is 0 everywhere"),
-        (masked(TARGET, ...), None, "the mask is 0 everywhere"),
+        (masked(TARGET, ...), None, "no pixel of the target is there"),
         (masked(with_value(1.0, (0, 1, 2), of=GREY), (0, 1, 2)), None, "one constant colour, as far as the mask"),
         (TARGET.astype(object), None, "the target is an array of the dtype object, and real numbers are wanted"),
         (TARGET.astype(str), None, "the target is an array of the dtype <U"),

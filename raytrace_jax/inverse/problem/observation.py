@@ -111,6 +111,8 @@ def observe(target: object, weights: object, scene: Scene, settings: ResolvedSet
             "set the size to the target's, or crop"
         )
     hidden = np.any(is_masked(target), axis=0)
+    if hidden.all():
+        raise PictureError("no pixel of the target is there: all are masked, or outside of what its file stores")
     weight = _checked_weights(np.ones(hidden.shape) if weights is None else weights, hidden)
     counts = weight > 0
     bad = int(np.sum(~np.isfinite(picture[counts])))
