@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+import functools
 import hashlib
 import math
 from collections.abc import Sequence
@@ -216,7 +217,9 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
         assert solution is not None
         residual, counts = solution.residual, solution.observation.counts
         sigma, seen = options.sigma if loss == "l2" else None, np.asarray(solution.observation.root_weight) > 0
-        is_noise = seen & ~np.logical_or.reduce([one.obscures(sigma or 0.0) for one in solution.problem.stages])
+        is_noise = seen & ~functools.reduce(
+            np.logical_or, (one.obscures(sigma or 0.0) for one in solution.problem.stages)
+        )
         excess = chi_square_excess(residual, is_noise, sigma)
         judged = dataclasses.replace(findings, uncertainty=uncertainty, check=check)
         explained = is_near(residual, solution.weighted_target, counts)
