@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Bool
 
 from raytrace_jax.inverse import result
 from raytrace_jax.inverse.build_problem import FitSetup
@@ -190,6 +191,12 @@ def chi_square_excess(residual: np.ndarray, counts: np.ndarray, sigma: float | N
     return excess if excess > 5 and mean > 1.02**2 else 0.0
 
 
+def shows_noise(problem: Problem, sigma: float) -> Bool[np.ndarray, "3 height width"]:
+    """The numbers of the target that count, and whose noise of standard deviation `sigma` no stage makes larger."""
+    obscured = (stage.obscures(sigma) for stage in problem.stages)
+    return (np.asarray(problem.observation.root_weight) > 0) & ~functools.reduce(np.logical_or, obscured)
+
+
 def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stopped: str | None) -> result.FitResult:
     """Judge what was found and gather the result.
 
@@ -216,11 +223,8 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
     else:
         assert solution is not None
         residual, counts = solution.residual, solution.observation.counts
-        sigma, seen = options.sigma if loss == "l2" else None, np.asarray(solution.observation.root_weight) > 0
-        is_noise = seen & ~functools.reduce(
-            np.logical_or, (one.obscures(sigma or 0.0) for one in solution.problem.stages)
-        )
-        excess = chi_square_excess(residual, is_noise, sigma)
+        sigma = options.sigma if loss == "l2" else None
+        excess = chi_square_excess(residual, shows_noise(solution.problem, sigma or 0.0), sigma)
         judged = dataclasses.replace(findings, uncertainty=uncertainty, check=check)
         explained = is_near(residual, solution.weighted_target, counts)
         verdict = fit_status(judged, explained, excess, options.max_steps)

@@ -6,6 +6,7 @@ from linear_pictures import state_at
 from posing import posed_problem
 from scenes import assignment_scene
 
+from raytrace_jax import RenderSettings, fit
 from raytrace_jax.inverse.judge.structure import block_scatter
 from raytrace_jax.inverse.observe.sampling import (
     LATTICES,
@@ -19,6 +20,7 @@ from raytrace_jax.inverse.observe.sampling import (
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.solve.refine import settle
 from raytrace_jax.inverse.solve.steps import Recorder
+from raytrace_jax.inverse.status import shows_noise
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import pixel_colors, sample_offsets
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -125,3 +127,23 @@ def test_block_scatter_is_that_of_estimates():
     for make in (lambda: random.normal(size=weight.shape), structure):
         found = ratio(make)
         assert np.all(found > 0.75) and np.all(found < 1.7)
+
+
+def test_unknown_samples_obscure_noise_at_edges(problem):
+    """Where pixels vary inside, four samples may err by more than a tenth of the noise."""
+    variance = np.zeros((3, 36, 48))
+    variance[1, 2, 3], variance[0, 4, 5] = 0.05 * 0.01**2, 0.03 * 0.01**2
+    seen = shows_noise(sampled(problem, Sampling(None, variance=variance)), 0.01)
+    assert seen.shape == variance.shape and np.argwhere(~seen).tolist() == [[1, 2, 3]]
+    assert shows_noise(sampled(problem, Sampling(8)), 0.01).all()
+
+
+@pytest.mark.slow
+def test_random_samples_are_no_wrong_model(problem):
+    """Means of 16 random samples, other ones in each pixel, with noise that was stated: only edges show the samples."""
+    target = jittered(problem, 16) + np.random.default_rng(1).normal(scale=0.004, size=(3, 36, 48))
+    settings = RenderSettings(size=(48, 36), max_bounces=2)
+    result = fit(assignment_scene(), target, ["vitreous.ior"], settings, sigma=0.004, search=False)
+    estimate, chi_square = result["vitreous.ior"], result.uncertainty.reduced_chi_square
+    assert result.status == "converged" and result.target_samples is None and chi_square > 1.1
+    assert abs(estimate.value - 1.337) < 3 * estimate.error
