@@ -88,7 +88,7 @@ def _hidden(world: World) -> tuple[bool, ...]:
 
     Planes that look away from one another are among them, as of oil on water.
     """
-    shapes, types, close = world.shapes, world.shapes.types, float(least_distance(world.unit)) / 2
+    shapes, types, close = world.shapes, world.shapes.types, float(least_distance(jnp.asarray(world.unit))) / 2
     place, normal = (np.asarray(values, np.float64).T for values in (shapes.position, shapes.normal))
     radius, glass = np.asarray(shapes.radius, np.float64), np.asarray(world.materials.transmission) > 0
     hidden = [bool(one) for one in np.asarray(shapes.hidden)] if shapes.hidden is not None else [False] * len(types)

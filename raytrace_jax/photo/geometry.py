@@ -236,7 +236,7 @@ def _through_tank(setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]) 
         (o, d, valid), (height, normal, ratio) = ray, face
         falls = -dot(d, normal)
         o = o + dot(o - setup.center[:, None] - height * normal, normal) / jnp.maximum(falls, 1e-9) * d
-        d, _, total = refract(d, normal, jnp.broadcast_to(ratio, falls.shape))
+        d, _, total = refract(d, jnp.broadcast_to(normal, d.shape), jnp.broadcast_to(ratio, falls.shape))
         return (o, d, valid & (falls > 1e-9) & ~total), None
 
     # A loop: four copies of it take four times as long to compile.

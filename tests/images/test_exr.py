@@ -96,7 +96,7 @@ def test_metadata_takes_array_numbers(tmp_path):
         ({"R": np.full((2, 2), 1e39)}, {}, "channel R reaches 1e.39, and half ends at"),
         ({"RGB": np.zeros((2, 2, 3))}, {}, r"channel RGB has the shape \(2, 2, 3\)"),
         (np.zeros((4, 2, 2)), {}, r"\(3, height, width\) or channels .* not ndarray of shape \(4, 2, 2\)"),
-        (None, {}, "not NoneType"),
+        (None, {}, "this is an array of the dtype object, and real numbers are wanted"),
         ({"": RED}, {}, "'' is not a channel name"),
         (CLEAN, {"metadata": {"ior": math.nan}}, "cannot be stored as JSON"),
         (CLEAN, {"metadata": {"path": object()}}, "JSON cannot hold <object"),
