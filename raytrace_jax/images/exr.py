@@ -67,13 +67,13 @@ def write_exr(
     """
     where = f"{path}: cannot be written"
     if not isinstance(channels, Mapping):
-        wanted = "an array of shape (3, height, width) or channels by their names is wanted"
+        wanted = "an array of shape (3, height, width) or channels by their names"
         try:
             picture = real_numbers(channels)
         except ValueError as reason:
-            raise PictureError(f"{where}: {wanted}, and this {reason}") from None
+            raise PictureError(f"{where}: this {reason}, as {wanted}") from None
         if picture.ndim != 3 or len(picture) != 3:
-            raise PictureError(f"{where}: {wanted}, not {type(channels).__name__} of shape {picture.shape}")
+            raise PictureError(f"{where}: {wanted} is wanted, not {type(channels).__name__} of shape {picture.shape}")
         channels = dict(zip(RGB, picture, strict=True))
     dtype = np.float16 if half else np.float32
     pixels = {name: _storable(where, name, values, dtype) for name, values in channels.items()}

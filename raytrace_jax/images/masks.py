@@ -15,8 +15,7 @@ def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
     """Return the weights "height width" of a file: 0 leaves a pixel out, 1 counts in full.
 
     Of an OpenEXR or Radiance HDR picture they are the means of its channels, 0 or more, and 0 outside of the data
-    window. Of others, as an editor paints
-    them, they are how bright and how opaque a pixel is, from 0 to 1.
+    window. Of others, as an editor paints them, they are how bright and how opaque a pixel is, from 0 to 1.
 
     Raises:
         PictureError: the file is missing or broken, or of another format.

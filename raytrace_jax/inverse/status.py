@@ -194,7 +194,7 @@ def chi_square_excess(residual: np.ndarray, counts: np.ndarray, sigma: float | N
 def shows_noise(problem: Problem, sigma: float) -> Bool[np.ndarray, "3 height width"]:
     """The numbers of the target that count, and whose noise of standard deviation `sigma` no stage makes larger."""
     obscured = (stage.obscures(sigma) for stage in problem.stages)
-    return (np.asarray(problem.observation.root_weight) > 0) & ~functools.reduce(np.logical_or, obscured)
+    return problem.observation.seen & ~functools.reduce(np.logical_or, obscured)
 
 
 def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stopped: str | None) -> result.FitResult:

@@ -114,20 +114,26 @@ def millimetres(text: str) -> float:
     return _positive(length, text)
 
 
+def value_and_deviation(text: str) -> tuple[str, str | None]:
+    """The parts of a text such as `1.5+-0.01`; `+/-` and `±` do as well. None stands for no deviation."""
+    value, *deviation = re.split(r"\+-|\+/-|±", text, maxsplit=1)
+    return value, deviation[0] if deviation else None
+
+
 def with_tolerance(text: str, may_be_zero: bool = False) -> tuple[float, float]:
     """A length and its standard deviation, both in millimetres, of a text such as `40+-0.02mm` or `4cm+-0.2mm`.
 
-    `+/-` and `±` do as well, and the length may leave its unit to the deviation, which is 0 if none is given. What
-    `may_be_zero` may be missing, and has no deviation then.
+    `+/-` and `±` do as well, and the length may leave its unit to the deviation, which is 0 if none is given. With
+    `may_be_zero` the length may be 0, without a deviation.
 
     Raises:
         RaytraceError: a part is no number with a unit, the length is not greater than 0, or the deviation is below 0.
     """
-    value, *deviation = re.split(r"\+-|\+/-|±", text, maxsplit=1)
+    value, deviation = value_and_deviation(text)
     wanted, sigma, unit = LENGTH_WANTED, 0.0, ""
-    if deviation:
+    if deviation is not None:
         wanted = "a length and its standard deviation are wanted, as 40+-0.02mm, with one +-"
-        sigma, unit = _length(deviation[0], text, wanted)
+        sigma, unit = _length(deviation, text, wanted)
     if sigma < 0:
         raise RaytraceError(f"{quoted(text)}: a standard deviation is 0 or greater.")
     length, _ = _length(value, text, wanted, unit)

@@ -18,7 +18,7 @@ from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.bundle import Measured
 from raytrace_jax.photo.markers import is_mirrored
 from raytrace_jax.photo.photograph import Photograph, photograph_of
-from raytrace_jax.util.text import quoted, with_tolerance
+from raytrace_jax.util.text import quoted, value_and_deviation, with_tolerance
 
 UNMEASURED = "100+-0.1 mm"
 """A ruler that nobody measured: printers are right to about a thousandth."""
@@ -92,9 +92,14 @@ def warn_of_unmeasured(command: Photo) -> None:
 
 def _wedge(text: str) -> float:
     """The standard deviation in radians of a text such as `0+-0.2deg`. Raises UsageError."""
-    value, _, deviation = text.replace("±", "+-").partition("+-")
+    value, deviation = value_and_deviation(text)
     with contextlib.suppress(ValueError):
-        if deviation.endswith("deg") and float(value) == 0 and 0 <= (off := float(deviation[:-3])) < 10:
+        if (
+            deviation is not None
+            and deviation.endswith("deg")
+            and float(value) == 0
+            and 0 <= (off := float(deviation[:-3])) < 10
+        ):
             return math.radians(off)
     raise UsageError(
         f"--wedge: {quoted(text)} came, and a standard deviation below 10 degrees is wanted, as 0+-0.2deg."
@@ -103,7 +108,7 @@ def _wedge(text: str) -> float:
 
 def _index(option: str, text: str) -> tuple[float, float]:
     """The index of a text such as `1.333+-0.001`, and its standard deviation, 0 if none is given. Raises UsageError."""
-    value, _, deviation = text.replace("±", "+-").partition("+-")
+    value, deviation = value_and_deviation(text)
     try:
         index = float(value), float(deviation or 0)
     except ValueError:

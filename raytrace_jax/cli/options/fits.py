@@ -12,7 +12,7 @@ from raytrace_jax.cli.console import UsageError
 from raytrace_jax.images import Clipped, Transfer
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.util.checked import Wanted
-from raytrace_jax.util.text import PaperName, parse_number
+from raytrace_jax.util.text import PaperName, parse_number, value_and_deviation
 
 T = TypeVar("T")
 
@@ -29,9 +29,9 @@ def by_name(option: str, texts: tuple[str, ...], form: str, read: Callable[[str]
 
 
 def read_prior(text: str) -> tuple[float, float]:
-    """The mean and the standard deviation in `2.3+-0.01`; `±` serves as well."""
-    mean, _, deviation = text.replace("±", "+-").partition("+-")
-    return parse_number(mean.strip()), parse_number(deviation.strip())
+    """The mean and the standard deviation in `2.3+-0.01`."""
+    mean, deviation = value_and_deviation(text)
+    return parse_number(mean.strip()), parse_number((deviation or "").strip())
 
 
 def read_uncertain(text: str) -> str:

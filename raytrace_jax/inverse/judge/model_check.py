@@ -109,7 +109,7 @@ def beyond(observation: Observation, residual: Image, weight: Image, bound: np.n
     Args:
         bound: of each of the target's numbers, in its own unit.
     """
-    target, counts = np.asarray(observation.target), np.asarray(observation.root_weight) > 0
+    target, counts = np.asarray(observation.target), observation.seen
     within = np.abs(residual) <= weighted(observation, bound)
     values, neighbours = np.asarray(target, np.float64), (1, 3, 3)
     span = ndimage.maximum_filter(values, neighbours) - ndimage.minimum_filter(values, neighbours)

@@ -82,12 +82,12 @@ def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Matters) 
         for right in range(-farthest if down else 1, farthest + 1):
             here, there = _pair_windows(down, right)
             # Of each two channels; a weight may leave out one of them.
-            pairs = products(number, here, there)
+            pairs = _products(number, here, there)
             if not pairs.any():
                 continue
             pairs = np.maximum(pairs, 1)
             # Only what is 5 standard errors above chance counts: of a thousand correlations chance makes none so large.
-            covariance = products(score, here, there) / pairs
+            covariance = _products(score, here, there) / pairs
             chance = np.sqrt(np.outer(variance, variance) / pairs)
             covariance = np.where(np.abs(covariance) > 5.0 * chance, covariance, 0.0)
             if not covariance.any():
@@ -99,7 +99,7 @@ def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Matters) 
     return added
 
 
-def products(image: Image, here: tuple[slice, slice], there: tuple[slice, slice]) -> Float[np.ndarray, "3 3"]:
+def _products(image: Image, here: tuple[slice, slice], there: tuple[slice, slice]) -> Float[np.ndarray, "3 3"]:
     """Sums of the products of two windows of a picture, for each two channels."""
     return image[:, *here].reshape(len(image), -1) @ image[:, *there].reshape(len(image), -1).T
 

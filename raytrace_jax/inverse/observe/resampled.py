@@ -87,14 +87,14 @@ class ResampledPicture:
         with a fraction `f` on one side it is `c^2 f (1 - f)`, whose mean over `f` is `c^2 / 6`. It is 0 where there is
         no edge that counts, or the pixel has no weight.
         """
-        jump = np.sqrt(6 * np.sum(self.variance * self.counts, axis=0)) / len(self.offsets)
+        jump = np.sqrt(6 * np.sum(self.variance * self.seen, axis=0)) / len(self.offsets)
         # What varies less than a tenth of the strongest edge may do so smoothly.
         return np.where(jump > 0.1 * np.max(jump, initial=TINY), jump, 0.0)
 
     @property
-    def counts(self) -> Bool[np.ndarray, "3 listed"]:
+    def seen(self) -> Bool[np.ndarray, "3 listed"]:
         """Which numbers of the listed pixels have a weight."""
-        return np.asarray(self.problem.observation.root_weight)[:, self.row, self.column] > 0
+        return self.problem.observation.seen[:, self.row, self.column]
 
     def confusion(self) -> Covariance:
         """Covariance of unknowns whose pictures are the same; 0 where the target's samples are no known grid.
@@ -111,8 +111,8 @@ class ResampledPicture:
         if samples_of(self.problem) is None:
             return np.zeros((len(self.y),) * 2)
         jump = self.jump
-        seen = jump > 0
-        slopes = (self.jacobian[:, :, self.row, self.column] * self.counts)[:, :, seen] / np.maximum(jump[seen], TINY)
+        told = jump > 0
+        slopes = (self.jacobian[:, :, self.row, self.column] * self.seen)[:, :, told] / np.maximum(jump[told], TINY)
         count = len(slopes)
         flat = slopes.reshape(count, -1)
         length = np.sqrt(np.maximum(np.sum(flat**2, axis=1), TINY))

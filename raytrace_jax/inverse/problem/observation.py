@@ -69,14 +69,19 @@ class Observation(eqx.Module):
         return nearest_power(np.sqrt(np.mean(target[root > 0] ** 2)))
 
     @property
+    def seen(self) -> Bool[np.ndarray, "3 height width"]:
+        """The numbers of the target with a weight."""
+        return np.asarray(self.root_weight) > 0
+
+    @property
     def counts(self) -> Mask:
         """The pixels with a weight in any channel."""
-        return np.any(np.asarray(self.root_weight) > 0, axis=0)
+        return np.any(self.seen, axis=0)
 
     @property
     def count(self) -> int:
         """The number of the target's numbers that count: three for each pixel with a weight in all channels."""
-        return int(np.sum(np.asarray(self.root_weight) > 0))
+        return int(np.sum(self.seen))
 
 
 def nearest_power(size: float) -> float:
