@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from equinox.internal import unvmap_any
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
@@ -158,7 +159,24 @@ def materialize(values: T, live: Bool[Array, "*rays"]) -> T:
     derivatives with many directions, two to four times as long. Nothing is fused across a condition, so that stages end
     at this one, which also skips a level that nobody reached.
     """
-    return jax.lax.cond(jnp.any(live), lambda x: x, lambda x: jax.tree.map(jnp.zeros_like, x), values)
+    return jax.lax.cond(unvmap_any(live), lambda x: x, lambda x: jax.tree.map(jnp.zeros_like, x), values)
+
+
+def only_if(condition: Bool[Array, ""], function: Callable[..., T], *given: Any) -> T:
+    """What the function gives, or zeros without asking it; in reverse mode it is computed anew."""
+    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function, *given))
+    return jax.lax.cond(unvmap_any(condition), jax.checkpoint(function), lambda *_: nothing, *given)
+
+
+def repeat(step: Callable[[T], T], start: T, goes_on: Callable[[T], Array], most: int, reversible: bool) -> T:
+    """Take steps while there is something to do: `most` of them, if reverse mode is to go through them.
+
+    A step after the last one changes nothing that counts. So the loop ends with the last of many that `jax.vmap` maps
+    it over, without a choice between old and new values at each step.
+    """
+    if reversible:
+        return jax.lax.scan(lambda state, _: (step(state), None), start, length=most)[0]
+    return jax.lax.while_loop(lambda state: unvmap_any(goes_on(state)), step, start)
 
 
 def finite_or_last(cost: float) -> float:

@@ -22,7 +22,7 @@ from raytrace_jax.tracer.geometry.rays import PackedRays, Rays, Vectors, packed,
 from raytrace_jax.tracer.levels.level import MODELS, Scattering, trace_level
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.world import LINE_CHANNEL, World
-from raytrace_jax.util.numerics import materialize, select
+from raytrace_jax.util.numerics import materialize, only_if, repeat, select
 
 T = TypeVar("T")
 
@@ -179,35 +179,26 @@ def trace_queue(
         record = RayRecord(level.scattering, level.si.valid, depth, places, si, all_wanted)
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], chunk)), record), children, total
 
-    def only_if(condition, function, *given):
-        """What the function gives, or zeros without asking it; in reverse mode it is computed anew."""
-        nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function, *given))
-        return jax.lax.cond(condition, jax.checkpoint(function) if reversible else function, lambda *_: nothing, *given)
-
-    def refill(queue: Queue, lacks: Bool[Array, ""] | bool = True) -> Queue:
-        sent, end = queue.sent, jnp.minimum(queue.tail, size)
-        first = camera_rays(sent) if lacks is True else only_if(lacks, camera_rays, jnp.where(lacks, sent, 0))
-        starts = queue.starts.at[jnp.where(lacks, sent // chunk, len(queue.starts))].set(end, mode="drop")
-        new = jnp.where(lacks, jnp.minimum(chunk, count - sent), 0)
-        return dataclasses.replace(
-            queue, rays=write(queue.rays, first, end), starts=starts, sent=sent + new, tail=queue.tail + new
-        )
-
-    def take_turn(queue: Queue) -> Queue:
-        turn, tail, head, end = queue.turn, queue.tail, queue.heads[queue.turn], jnp.minimum(queue.tail, size)
-        # A turn after the last ray costs nothing: in reverse mode there are as many turns as a full queue needs.
-        given = head, tail, read(queue.rays, head)
-        traced, children, total = only_if(head < end, scatter_chunk, *given) if reversible else scatter_chunk(*given)
-        # Where rays are fewer than a chunk, those that they send on are the next one.
-        heads = queue.heads.at[turn + 1].set(jnp.minimum(head + chunk, end))
-        waiting, records = write(queue.rays, children, end), write(queue.traced, traced, head)
-        return Queue(turn + 1, heads, queue.starts, queue.sent, tail + total, waiting, records)
-
     def waits(queue: Queue) -> Int[Array, ""]:
         return jnp.minimum(queue.tail, size) - queue.heads[queue.turn]
 
     def has_more(queue: Queue) -> Bool[Array, ""]:
         return (queue.sent < count) & (queue.tail < size)
+
+    def take_turn(queue: Queue) -> Queue:
+        """The next chunk of rays is traced; camera rays come in where fewer wait. After the last ray nothing changes."""
+        lacks, turn, end = has_more(queue) & (waits(queue) < chunk), queue.turn, jnp.minimum(queue.tail, size)
+        rays = write(queue.rays, only_if(lacks, camera_rays, jnp.where(lacks, queue.sent, 0)), end)
+        starts = queue.starts.at[jnp.where(lacks, queue.sent // chunk, len(queue.starts))].set(end, mode="drop")
+        new = jnp.where(lacks, jnp.minimum(chunk, count - queue.sent), 0)
+
+        head, tail = queue.heads[turn], queue.tail + new
+        end = jnp.minimum(tail, size)
+        traced, children, total = only_if(head < end, scatter_chunk, head, tail, read(rays, head))
+        # Where rays are fewer than a chunk, those that they send on are the next one.
+        heads = queue.heads.at[turn + 1].set(jnp.minimum(head + chunk, end))
+        rays, records = write(rays, children, end), write(queue.traced, traced, head)
+        return Queue(turn + 1, heads, starts, queue.sent + new, tail + total, rays, records)
 
     # Down: there is room for all that a last chunk may send on. What ends the queue is a generation of rays a turn.
     room, turns = size + 3 * chunk, size // chunk + settings.levels + 2
@@ -217,35 +208,21 @@ def trace_queue(
     waiting, nothing = jax.tree.map(lambda x: jnp.zeros((*x.shape[:-1], room), x.dtype), (first, one))
     heads, starts = jnp.zeros(turns + 1, jnp.int32), jnp.zeros(points.shape[1] // chunk, jnp.int32)
     queue = Queue(start, heads, starts, start, start, waiting, nothing)
-    if reversible:
-
-        def next_turn(queue: Queue, _) -> tuple[Queue, None]:
-            return take_turn(refill(queue, has_more(queue) & (waits(queue) < chunk))), None
-
-        queue, _ = jax.lax.scan(next_turn, queue, length=turns)
-    else:
-        # Camera rays come in where fewer rays wait than a chunk: only the last chunks of all are not full.
-        def go_on(queue: Queue) -> Bool[Array, ""]:
-            return waits(queue) >= jnp.where(has_more(queue), chunk, 1)
-
-        queue = jax.lax.while_loop(has_more, lambda q: jax.lax.while_loop(go_on, take_turn, refill(q)), queue)
+    queue = repeat(take_turn, queue, lambda queue: has_more(queue) | (waits(queue) > 0), turns, reversible)
 
     # Up: each ray blends what its children bring back. Places that are not traced stay black.
-    def blend(turn, results):
-        turn = queue.turn - 1 - turn
-        head, end = queue.heads[turn], queue.heads[turn + 1]
+    def blend(state):
+        turn, results = state
+        head, end = queue.heads[turn - 1], queue.heads[turn]
         is_own = head + jnp.arange(chunk, dtype=jnp.int32) < end
         blended = combine(settings, results, read(queue.traced, head))
-        return write(results, select(is_own, blended, read(results, head)), head)
+        return turn - 1, write(results, select(is_own, blended, read(results, head)), head)
 
     own = nothing.scattering
     sees_edge = None if own.sees_edge is None else jnp.zeros(room, bool)
     bounce_count = jnp.zeros(room, jnp.int32) if with_hits else None
     results = ChildResult(jnp.zeros_like(own.background), sees_edge, bounce_count)
-    if reversible:
-        results, _ = jax.lax.scan(lambda b, turn: (blend(turn, b), None), results, jnp.arange(turns, dtype=jnp.int32))
-    else:
-        results = jax.lax.fori_loop(0, queue.turn, blend, results)
+    _, results = repeat(blend, (queue.turn, results), lambda state: state[0] > 0, turns, reversible)
     return queue, results
 
 
