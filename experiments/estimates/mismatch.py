@@ -22,7 +22,16 @@ from basin import CASES as SCENES
 from PIL import Image
 from scipy import ndimage
 
-from raytrace_jax import RenderSettings, fit, get_parameter, list_parameters, load_scene, render, set_parameters
+from raytrace_jax import (
+    FitOptions,
+    RenderSettings,
+    fit,
+    get_parameter,
+    list_parameters,
+    load_scene,
+    render,
+    set_parameters,
+)
 from raytrace_jax.scene.setting_words import PixelConvention
 
 SIZE = (160, 120)
@@ -162,7 +171,8 @@ def row(scene, how: RenderSettings, case: Case, roles: Mapping[str, str]) -> str
     if case.correlated:
         noise = ndimage.gaussian_filter(noise, (0, case.correlated, case.correlated))
     target = image + case.noise * noise / noise.std()
-    result = fit(scene, target, free, how, search=False, target_sampling="point" if case.samples == 1 else "box")
+    options = FitOptions(search=False, target_sampling="point" if case.samples == 1 else "box")
+    result = fit(scene, target, free, how, options=options)
     errors = np.abs(result.value - truth(scene, result.names))
     worst = [f"{np.max(errors / bar):.1f}" for bar in (result.standard_error, result.total_error)]
     causes = ", ".join(cause.words for cause in result.check.causes)
@@ -185,7 +195,8 @@ def tolerances(scene, how: RenderSettings, targets: int, sampling: str, seed: in
         }
         target = np.asarray(render(set_parameters(scene, moved), sampled).image)
         target = target + random.normal(0, SIGMA, target.shape)
-        result = fit(scene, target, FREE, how, search=False, target_sampling=sampling, uncertain=TOLERANCES)
+        options = FitOptions(search=False, target_sampling=sampling, uncertain=TOLERANCES)
+        result = fit(scene, target, FREE, how, options=options)
         names = result.names
         error, total = result.value - truth(scene, names), result.total_error
         covariance = result.total_correlation * np.outer(total, total)

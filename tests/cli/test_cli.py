@@ -205,7 +205,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, replace_work, cap
     expected = fake_result(status=status)
     seen = {}
 
-    def fit(scene, target, free, settings, options, *, weights, storage, on_step, on_phase):
+    def fit(scene, target, free, settings, *, options, weights, storage, on_step, on_phase):
         assert storage is None, "a PNG is not compressed"
         seen.update(options=options, weights=weights, scene=scene, target=target, free=free, settings=settings)
         on_phase("scanning: compiling")

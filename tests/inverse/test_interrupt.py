@@ -10,7 +10,7 @@ import pytest
 from linear_fit import PROGRAMS, linear_names, linear_problem
 from scipy import ndimage
 
-from raytrace_jax import fit, write_report
+from raytrace_jax import FitOptions, fit, write_report
 from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.report.fit_report.folder import TEXTS
 
@@ -54,11 +54,9 @@ def stopped_fit(calls, phase=lambda words: False, step=lambda step: False, **opt
         problem.observation.target,
         linear_names(2),
         problem.base,
-        edges="point",
-        target_sampling="point",
+        options=FitOptions(edges="point", target_sampling="point", **options),
         on_phase=lambda words: stop(phase, words),
         on_step=lambda done: stop(step, done),
-        **options,
     )
     return result, seen
 
