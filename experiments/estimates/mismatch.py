@@ -22,16 +22,7 @@ from basin import CASES as SCENES
 from PIL import Image
 from scipy import ndimage
 
-from raytrace_jax import (
-    FitOptions,
-    RenderSettings,
-    fit,
-    get_parameter,
-    list_parameters,
-    load_scene,
-    render,
-    set_parameters,
-)
+from raytrace_jax import FitOptions, RenderSettings, fit, list_parameters, load_scene, render, set_parameters
 from raytrace_jax.scene.setting_words import PixelConvention
 
 SIZE = (160, 120)
@@ -161,8 +152,7 @@ def row(scene, how: RenderSettings, case: Case, roles: Mapping[str, str]) -> str
     """The cells of one case; errors are the worst of the four numbers."""
     factors, shifts = ({k.format(**roles): v for k, v in each.items()} for each in (case.factors, case.shifts))
     wrong = {
-        name: np.asarray(get_parameter(scene, name)) * factors.get(name, 1.0) + shifts.get(name, 0.0)
-        for name in {*factors, *shifts}
+        name: np.asarray(scene[name]) * factors.get(name, 1.0) + shifts.get(name, 0.0) for name in {*factors, *shifts}
     }
     free = [f"{roles['ball']}.ior", f"{roles['ball']}.center"]
     seen = dataclasses.replace(how, samples=case.samples, mapping=case.mapping)
@@ -181,7 +171,7 @@ def row(scene, how: RenderSettings, case: Case, roles: Mapping[str, str]) -> str
 
 def truth(scene, names) -> np.ndarray:
     """What the scene says of some numbers."""
-    return np.array([float(get_parameter(scene, name)) for name in names])
+    return np.array([float(scene[name]) for name in names])
 
 
 def tolerances(scene, how: RenderSettings, targets: int, sampling: str, seed: int) -> None:
@@ -223,7 +213,7 @@ def fit_spreads(scene) -> dict[str, np.ndarray]:
         amount = float(share.removesuffix("%")) / 100
         whole = [p for block in blocks.get(name, []) for p in list_parameters(scene) if p.partition(".")[0] == block]
         for parameter in whole or [name]:
-            value = np.asarray(get_parameter(scene, parameter))
+            value = np.asarray(scene[parameter])
             if parameter != "cyan.ior":
                 found[parameter] = amount * np.linalg.norm(value)
     return found
@@ -231,7 +221,7 @@ def fit_spreads(scene) -> dict[str, np.ndarray]:
 
 def parameters(scene, names) -> list[tuple[str, np.ndarray]]:
     """The values of some parameters."""
-    return [(name, np.asarray(get_parameter(scene, name))) for name in names]
+    return [(name, np.asarray(scene[name])) for name in names]
 
 
 if __name__ == "__main__":

@@ -189,7 +189,7 @@ def run(name):
         warnings.simplefilter("ignore")
         found = rj.fit(scene, target, list(case.free), settings, options=rj.FitOptions(search=case.search))
     seconds = time.monotonic() - begun
-    exact = np.array([float(rj.get_parameter(truth, name)) for name in found.names])
+    exact = np.array([float(truth[name]) for name in found.names])
     return {
         "names": found.names,
         "error": (found.value - exact).tolist(),

@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
-from raytrace_jax.errors import PictureWarning
+from raytrace_jax.errors import RaytraceWarning
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.images.masks import mask_in_words
 from raytrace_jax.inverse.build_problem import FitSetup, build_problem
@@ -120,7 +120,7 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
     bad = np.asarray(solution.linearization.bad) & problem.observation.counts
     if bad.any():
         words = f"{mask_in_words(bad)}, in the fitted picture or a derivative. They do not count."
-        warnings.warn(words, PictureWarning, stacklevel=2)
+        warnings.warn(words, RaytraceWarning, stacklevel=2)
     uncertainty, unseen = quantify_uncertainty(solution, options.sigma), unseen_balls(solution)
     for names in unseen.values():
         uncertainty = with_open(uncertainty, problem.unknowns.names, names)
@@ -143,7 +143,7 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
         error, clock = uncertainty.standard_error, recorder.check_clock
         recorder.found(check=check_model(solution, error, setup.uncertain, options.correlations, clock))
     except np.linalg.LinAlgError as reason:  # LAPACK cannot factorise a matrix: the fit has its answer all the same.
-        warnings.warn(f"the model could not be checked: {reason}.", stacklevel=2)
+        warnings.warn(f"the model could not be checked: {reason}.", RaytraceWarning, stacklevel=2)
 
 
 def prepare_search(

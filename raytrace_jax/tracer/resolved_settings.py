@@ -5,7 +5,7 @@ import math
 import warnings
 from typing import Annotated, Any
 
-from raytrace_jax.errors import SceneError, SceneWarning, SettingsError
+from raytrace_jax.errors import RaytraceWarning, SceneError, SettingsError
 from raytrace_jax.scene import setting_words as words
 from raytrace_jax.scene.response import Frame
 from raytrace_jax.scene.scene import FileSettings, Scene, check_scene
@@ -119,7 +119,7 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
         SceneError, SettingsError: what is given is no scene, or no settings; or it has slabs, and the model none.
 
     Warns:
-        SceneWarning: the scene was loaded as another model, whose defaults it has.
+        RaytraceWarning: the scene was loaded as another model, whose defaults it has.
     """
     check_scene(scene)
     asked = RenderSettings() if asked is None else asked
@@ -131,7 +131,7 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
         warnings.warn(
             f"this scene was loaded as {scene.model} and is rendered as {model}: attributes that its blocks leave "
             f"out have the defaults of the {scene.model} model. Load it with model={model!r}.",
-            SceneWarning,
+            RaytraceWarning,
             stacklevel=3,
         )
     if scene.slabs.names and model != "physical":

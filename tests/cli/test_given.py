@@ -34,7 +34,6 @@ WRONG = {
     "rj.make_renderer(scene, SMALL)('a.txt')": "load_scene('a.txt')",
     "rj.render(scene, 3)": "SettingsError: RenderSettings are wanted, and this is 3: write RenderSettings(...).",
     "rj.list_parameters('a.txt')": "load_scene('a.txt')",
-    "rj.get_parameter('a.txt', 'a.b')": "load_scene('a.txt')",
     "rj.set_parameters('a.txt', {})": "load_scene('a.txt')",
     "rj.format_scene('a.txt')": "load_scene('a.txt')",
     "rj.export_scene('a.txt', 'b.xml', 'mitsuba')": "load_scene('a.txt')",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import assignment_scene, scaled_scene
 
-from raytrace_jax import FitOptions, RenderSettings, fit, get_parameter, parse_scene, render, set_parameters
+from raytrace_jax import FitOptions, RenderSettings, fit, parse_scene, render, set_parameters
 
 pytestmark = [pytest.mark.slow, pytest.mark.optimized]
 
@@ -40,7 +40,7 @@ def solve(target, truth, **options):
 def test_a_tied_parameter_follows_its_leader(clean, truth):
     result = solve(noisy(clean), truth)
     assert result.status == "converged", result.message
-    np.testing.assert_array_equal(get_parameter(result.scene, "red.diffuse"), result.value[1:])
+    np.testing.assert_array_equal(result.scene["red.diffuse"], result.value[1:])
     assert np.all(np.abs(result.value - ANSWER) < 4 * result.standard_error)
     assert result.uncertainty.sigma == pytest.approx(SIGMA, rel=0.1) and not result.uncertainty.sigma_given
     assert np.isnan(result.uncertainty.reduced_chi_square)

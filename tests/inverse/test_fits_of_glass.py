@@ -6,16 +6,7 @@ import numpy as np
 import pytest
 from physical_scenes import Camera, Checker, Material, Rectangle, Scene, Sphere, scene_text
 
-from raytrace_jax import (
-    FitOptions,
-    RenderSettings,
-    fit,
-    get_parameter,
-    load_scene,
-    parse_scene,
-    read_picture,
-    set_parameters,
-)
+from raytrace_jax import FitOptions, RenderSettings, fit, load_scene, parse_scene, read_picture, set_parameters
 
 PICTURES = Path(__file__).parents[1] / "physical_pictures"
 SIZE = (80, 60)
@@ -34,7 +25,7 @@ def errors_of(target, *balls, free, start, **hidden):
     result = fit(
         scene, read_picture(PICTURES / target), free, RenderSettings(size=SIZE), options=FitOptions(search=False)
     )
-    off = result.value - np.array([float(get_parameter(truth, name)) for name in result.names])
+    off = result.value - np.array([float(truth[name]) for name in result.names])
     return result, np.abs(off), np.abs(off) / result.total_error
 
 

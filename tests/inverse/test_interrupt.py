@@ -10,7 +10,7 @@ import pytest
 from linear_fit import PROGRAMS, linear_names, linear_problem
 from scipy import ndimage
 
-from raytrace_jax import FitOptions, fit, write_report
+from raytrace_jax import FitOptions, fit
 from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.report.fit_report.folder import TEXTS
 
@@ -167,7 +167,7 @@ def test_unknown_numbers_are_null_in_json(calls, tmp_path):
     result, _ = stopped_fit(calls, phase=lambda words: words.startswith("solving from"), sigma=0.02)
     for name in ("fit.exr", "residual.exr"):
         (tmp_path / name).write_bytes(b"of an earlier fit")
-    write_report(result, tmp_path)
+    result.save(tmp_path)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"fit.txt", "report.png", "report.html", "result.json", "result.npz", *TEXTS}
     numbers = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))

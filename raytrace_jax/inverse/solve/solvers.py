@@ -187,7 +187,7 @@ class GaussNewton:
         problem = seen.problem
         if not seen.linearization.is_finite:
             words = "a picture or a derivative has values that are not finite: the last steps of the fit end before it."
-            warnings.warn(words, RuntimeWarning, stacklevel=2)
+            warnings.warn(words, RaytraceWarning, stacklevel=2)
             return dataclasses.replace(best, settled=False, next_move=0.0), best.y, Pace()
         free = project_gradient(seen)
         promised = promised_decrease(free)
