@@ -10,6 +10,7 @@ from pathlib import Path
 
 import jax
 
+from raytrace_jax.errors import RaytraceWarning
 from raytrace_jax.util.kept_programs import keep_programs
 
 

@@ -103,12 +103,10 @@ def test_render_options_reach_the_settings(replace_work, tmp_path):
     options += " --edges aware --binning 2 --path-limit 50"
     run("render", VITREOUS, "-o", tmp_path / "a.exr", *options.split(), "--aov", "depth", "--aov", "normal", "depth")
     [(scene, settings)] = seen
-    expected = ResolvedSettings(
-        **{"size": (40, 30), "crop": (1, 2, 3, 4), "samples": 2, "mapping": "center", "reflectance": "none"},
-        **{"eta": "physical", "max_bounces": 3, "path_limit": 50.0, "edges": "aware", "binning": 2},
-        **dict.fromkeys(["total_internal_reflection", "second_root", "reflection"], False),
-        aov=("depth", "normal"),
-    )
+    given = {"size": (40, 30), "crop": (1, 2, 3, 4), "samples": 2, "mapping": "center", "reflectance": "none"}
+    given |= {"eta": "physical", "max_bounces": 3, "path_limit": 50.0, "edges": "aware", "binning": 2}
+    given |= dict.fromkeys(["total_internal_reflection", "second_root", "reflection"], False)
+    expected = ResolvedSettings(**given, aov=("depth", "normal"))
     assert settings == expected
     default = ResolvedSettings()
     # Two of them are other models': they come on their own.

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
+from raytrace_jax.errors import RaytraceWarning
 from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem.linearize import Linearization
