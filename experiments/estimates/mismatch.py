@@ -23,6 +23,7 @@ from PIL import Image
 from scipy import ndimage
 
 from raytrace_jax import FitOptions, RenderSettings, fit, list_parameters, load_scene, render, set_parameters
+from raytrace_jax.inverse.options import TargetSampling
 from raytrace_jax.scene.setting_words import PixelConvention
 
 SIZE = (160, 120)
@@ -174,7 +175,7 @@ def truth(scene, names) -> np.ndarray:
     return np.array([float(scene[name]) for name in names])
 
 
-def tolerances(scene, how: RenderSettings, targets: int, sampling: str, seed: int) -> None:
+def tolerances(scene, how: RenderSettings, targets: int, sampling: TargetSampling, seed: int) -> None:
     """Total errors against scatter, where what is uncertain is said to be."""
     random, errors, totals, alone, inside, statuses = np.random.default_rng(seed), [], [], [], 0, []
     names, sampled = (), dataclasses.replace(how, samples=1 if sampling == "point" else 16)

@@ -18,6 +18,7 @@ import numpy as np
 from basin import CASES
 
 from raytrace_jax import FitOptions, RenderSettings, fit, load_scene, render, set_parameters
+from raytrace_jax.inverse.options import LossChoice, TargetSampling
 
 SIGMA = 1 / 255
 ELLIPSE_95 = 9.488
@@ -44,7 +45,7 @@ def main() -> None:
             report(sampling, outliers, loss, arguments)
 
 
-def report(sampling: str, outliers: float, loss: str, arguments: argparse.Namespace) -> None:
+def report(sampling: TargetSampling, outliers: float, loss: LossChoice, arguments: argparse.Namespace) -> None:
     """One block of a table."""
     began, size = time.perf_counter(), tuple(arguments.size)
     scene, how = load_scene(CASES["assignment"].path), RenderSettings(size=size)
