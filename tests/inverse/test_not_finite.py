@@ -87,7 +87,7 @@ def test_gauss_newton_stops_at_broken_places(monkeypatch):
     recorder = Recorder(problem)
     # The truth is within the reach of one step in natural scales only if these are large: take the step.
     problem.__dict__["scale"] = np.full(2, 100.0)
-    with pytest.warns(RuntimeWarning, match="not finite"):
+    with pytest.warns(RaytraceWarning, match="not finite"):
         ended = minimise(GaussNewton(), solution, lambda y: state_at(problem, y), recorder.step)
     assert not ended.settled and ended.linearization.is_finite
     np.testing.assert_array_equal(ended.y, problem.start())
