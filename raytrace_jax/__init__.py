@@ -9,19 +9,16 @@ import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from raytrace_jax import inverse as _inverse
 from raytrace_jax._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from raytrace_jax import optics as optics
     from raytrace_jax.errors import ModelFileError as ModelFileError
-    from raytrace_jax.errors import ModelFileWarning as ModelFileWarning
     from raytrace_jax.errors import ParameterError as ParameterError
     from raytrace_jax.errors import PictureError as PictureError
-    from raytrace_jax.errors import PictureWarning as PictureWarning
     from raytrace_jax.errors import RaytraceError as RaytraceError
+    from raytrace_jax.errors import RaytraceWarning as RaytraceWarning
     from raytrace_jax.errors import SceneError as SceneError
-    from raytrace_jax.errors import SceneWarning as SceneWarning
     from raytrace_jax.errors import SettingsError as SettingsError
     from raytrace_jax.exchange.export import export_scene as export_scene
     from raytrace_jax.exchange.mitsuba.load import import_scene as import_scene
@@ -38,17 +35,14 @@ if TYPE_CHECKING:
     from raytrace_jax.inverse.result import FitResult as FitResult
     from raytrace_jax.report.films import write_derivatives as write_derivatives
     from raytrace_jax.report.films import write_film as write_film
-    from raytrace_jax.report.fit_report.folder import write_report as write_report
     from raytrace_jax.scene import build as build
     from raytrace_jax.scene.build import make_scene as make_scene
-    from raytrace_jax.scene.parameters import get_parameter as get_parameter
     from raytrace_jax.scene.parameters import list_parameters as list_parameters
     from raytrace_jax.scene.parameters import set_parameters as set_parameters
     from raytrace_jax.scene.reader import load_scene as load_scene
     from raytrace_jax.scene.reader import parse_scene as parse_scene
     from raytrace_jax.scene.scene import Scene as Scene
     from raytrace_jax.scene.writer import format_scene as format_scene
-    from raytrace_jax.tracer.derivatives import PictureDerivatives as PictureDerivatives
     from raytrace_jax.tracer.derivatives import picture_derivatives as picture_derivatives
     from raytrace_jax.tracer.pure import Renderer as Renderer
     from raytrace_jax.tracer.pure import make_renderer as make_renderer
@@ -82,10 +76,3 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return sorted({"__all__", *_public(), *(name for name in globals() if name.startswith("__"))})
-
-
-def _write_report(*arguments: object) -> None:
-    __getattr__("write_report")(*arguments)  # pyright: ignore[reportCallIssue]
-
-
-_inverse.write_report = _write_report

@@ -8,20 +8,16 @@ class RaytraceError(Exception):
     """Base of all errors that the command line prints as one message (exit code 1)."""
 
 
+class RaytraceWarning(UserWarning):
+    """What is read, rendered or fitted, but hardly as it is meant; a file's message starts with its name."""
+
+
 class ModelFileError(RaytraceError):
     """A `model.txt` that cannot be read; the message starts with `file:line:column:`."""
 
 
-class ModelFileWarning(UserWarning):
-    """A `model.txt` that is read although it is not quite right; the message starts with `file:line:column:`."""
-
-
 class SceneError(RaytraceError):
     """Blocks described in Python that make no scene; the message names the block."""
-
-
-class SceneWarning(UserWarning):
-    """A scene that can be rendered, but hardly as it is meant."""
 
 
 class SettingsError(RaytraceError, ValueError):
@@ -30,10 +26,6 @@ class SettingsError(RaytraceError, ValueError):
 
 class PictureError(RaytraceError):
     """A picture file that cannot be read or written, or does not fit the scene."""
-
-
-class PictureWarning(UserWarning):
-    """A picture that can be read, but whose pixels are not exactly what was rendered."""
 
 
 class ParameterError(RaytraceError):

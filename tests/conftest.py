@@ -82,10 +82,9 @@ def pytest_runtest_setup(item):
 
 
 def pytest_configure(config):
-    # By their class, wherever they are said to come from. Not in pyproject.toml: pytest would import the package
+    # By its class, wherever it is said to come from. Not in pyproject.toml: pytest would import the package
     # before the hook above.
-    for name in ("ModelFileWarning", "SceneWarning", "PictureWarning"):
-        config.addinivalue_line("filterwarnings", f"error::raytrace_jax.errors.{name}")
+    config.addinivalue_line("filterwarnings", "error::raytrace_jax.errors.RaytraceWarning")
     if IN_CI:
         # Before all other filters, which take exceptions from it.
         config.getini("filterwarnings").insert(0, "error")

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from raytrace_jax import RenderSettings, load_scene, make_renderer, picture_derivatives, render, set_parameters
-from raytrace_jax.scene.parameters import get_parameter, scalar_names
+from raytrace_jax.scene.parameters import scalar_names
 
 SCENE = Path(__file__).parents[2] / "data" / "vitreous.txt"
 FREE = ("vitreous.ior", "vitreous.center")
@@ -48,7 +48,7 @@ def build(name: str) -> Program:
         return lambda: jax.block_until_ready(picture_derivatives(scene, FREE, settings).values)
 
     renderer, names = make_renderer(scene, settings), scalar_names(scene, FREE)
-    values = jnp.stack([get_parameter(scene, name) for name in names])
+    values = jnp.stack([scene[name] for name in names])
     target = jnp.full((3, 480, 640), 0.5, values.dtype)
 
     def loss(scene, target):

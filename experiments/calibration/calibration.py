@@ -126,7 +126,7 @@ def scene_text(truth: Truth) -> str:
 
 def run_fit(name: str, film: bool, number: int) -> dict:
     """One fit: how far each number is off, in total errors."""
-    from raytrace_jax import fit, parse_scene
+    from raytrace_jax import FitOptions, fit, parse_scene
 
     kind = KINDS[name]
     truth, random = draw_truth(name, number, film)
@@ -137,8 +137,7 @@ def run_fit(name: str, film: bool, number: int) -> dict:
         parse_scene(scene_text(truth)),
         target,
         ["ball.ior", "ball.center"],
-        search=False,
-        fit_exposure=film,
+        options=FitOptions(search=False, fit_exposure=film),
         storage=storage,
     )
     right = {"ball.ior": truth.ior, **{f"ball.center.{axis}": x for axis, x in zip("xyz", truth.center, strict=True)}}

@@ -16,7 +16,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from raytrace_jax import RenderSettings, fit, get_parameter, load_scene, render, set_parameters
+from raytrace_jax import RenderSettings, fit, load_scene, render, set_parameters
 
 HERE = Path(__file__).parent
 SIZE = (160, 120)
@@ -54,7 +54,7 @@ def main() -> None:
 
     case, size = CASES[arguments.case], tuple(arguments.size)
     scene, names = load_scene(case.path), (f"{case.ball}.ior", f"{case.ball}.center")
-    truth = np.concatenate([np.atleast_1d(get_parameter(scene, name)) for name in names])
+    truth = np.concatenate([np.atleast_1d(scene[name]) for name in names])
     target = np.asarray(render(scene, RenderSettings(size=size, samples=TARGET_SAMPLES)).image)
     random = np.random.default_rng(arguments.seed)
     starts = [

@@ -21,7 +21,7 @@ import jax
 import numpy as np
 from basin import CASES as SCENES
 
-from raytrace_jax import RenderSettings, fit, get_parameter, load_scene, read_picture, render, set_parameters
+from raytrace_jax import FitOptions, RenderSettings, fit, load_scene, read_picture, render, set_parameters
 from raytrace_jax.scene.setting_words import ModelName, Reflectance
 
 SIGMA = 1 / 255
@@ -98,8 +98,8 @@ def row(control: Control, width: int, height: int, targets: int, seed: int) -> s
     for number in range(seed, seed + targets):
         target = image + np.random.default_rng(number).normal(0, SIGMA, image.shape)
         sampling = "point" if control.samples == 1 else "box"
-        result = fit(scene, target, control.free, settings, search=False, target_sampling=sampling)
-        truth = np.array([float(get_parameter(scene, name)) for name in result.names])
+        result = fit(scene, target, control.free, settings, options=FitOptions(search=False, target_sampling=sampling))
+        truth = np.array([float(scene[name]) for name in result.names])
         errors = np.abs(result.value - truth) / result.total_error
         alarm = result.status == "model_incomplete" or "far from explained" in result.message
         missed = result.status == "converged" and np.max(errors) > 4

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from basin import CASES
 
-from raytrace_jax import FitResult, RenderSettings, fit, get_parameter, load_scene, render, set_parameters
+from raytrace_jax import FitOptions, FitResult, RenderSettings, fit, load_scene, render, set_parameters
 from raytrace_jax.errors import RaytraceError
 
 SIZE = (160, 120)
@@ -72,9 +72,9 @@ def free_radius(scene, clean: np.ndarray, how: RenderSettings, targets: int) -> 
         names: tuple[str, ...] = ()
         for _ in range(targets):
             target = clean + random.normal(0, SIGMA, clean.shape)
-            result = fit(scene, target, free, how, search=False, sigma=SIGMA, target_sampling="box")
+            result = fit(scene, target, free, how, options=FitOptions(search=False, sigma=SIGMA, target_sampling="box"))
             names = result.names
-            truth = np.array([float(get_parameter(scene, name)) for name in names])
+            truth = np.array([float(scene[name]) for name in names])
             errors.append(result.value - truth)
             reported.append(result.standard_error)
             statuses.add(result.status)

@@ -22,7 +22,8 @@ from basin import CASES as SCENES
 from PIL import Image
 from scipy import ndimage
 
-from raytrace_jax import RenderSettings, fit, get_parameter, list_parameters, load_scene, render, set_parameters
+from raytrace_jax import FitOptions, RenderSettings, fit, list_parameters, load_scene, render, set_parameters
+from raytrace_jax.inverse.options import TargetSampling
 from raytrace_jax.scene.setting_words import PixelConvention
 
 SIZE = (160, 120)
@@ -152,8 +153,7 @@ def row(scene, how: RenderSettings, case: Case, roles: Mapping[str, str]) -> str
     """The cells of one case; errors are the worst of the four numbers."""
     factors, shifts = ({k.format(**roles): v for k, v in each.items()} for each in (case.factors, case.shifts))
     wrong = {
-        name: np.asarray(get_parameter(scene, name)) * factors.get(name, 1.0) + shifts.get(name, 0.0)
-        for name in {*factors, *shifts}
+        name: np.asarray(scene[name]) * factors.get(name, 1.0) + shifts.get(name, 0.0) for name in {*factors, *shifts}
     }
     free = [f"{roles['ball']}.ior", f"{roles['ball']}.center"]
     seen = dataclasses.replace(how, samples=case.samples, mapping=case.mapping)
@@ -162,7 +162,8 @@ def row(scene, how: RenderSettings, case: Case, roles: Mapping[str, str]) -> str
     if case.correlated:
         noise = ndimage.gaussian_filter(noise, (0, case.correlated, case.correlated))
     target = image + case.noise * noise / noise.std()
-    result = fit(scene, target, free, how, search=False, target_sampling="point" if case.samples == 1 else "box")
+    options = FitOptions(search=False, target_sampling="point" if case.samples == 1 else "box")
+    result = fit(scene, target, free, how, options=options)
     errors = np.abs(result.value - truth(scene, result.names))
     worst = [f"{np.max(errors / bar):.1f}" for bar in (result.standard_error, result.total_error)]
     causes = ", ".join(cause.words for cause in result.check.causes)
@@ -171,10 +172,10 @@ def row(scene, how: RenderSettings, case: Case, roles: Mapping[str, str]) -> str
 
 def truth(scene, names) -> np.ndarray:
     """What the scene says of some numbers."""
-    return np.array([float(get_parameter(scene, name)) for name in names])
+    return np.array([float(scene[name]) for name in names])
 
 
-def tolerances(scene, how: RenderSettings, targets: int, sampling: str, seed: int) -> None:
+def tolerances(scene, how: RenderSettings, targets: int, sampling: TargetSampling, seed: int) -> None:
     """Total errors against scatter, where what is uncertain is said to be."""
     random, errors, totals, alone, inside, statuses = np.random.default_rng(seed), [], [], [], 0, []
     names, sampled = (), dataclasses.replace(how, samples=1 if sampling == "point" else 16)
@@ -185,7 +186,8 @@ def tolerances(scene, how: RenderSettings, targets: int, sampling: str, seed: in
         }
         target = np.asarray(render(set_parameters(scene, moved), sampled).image)
         target = target + random.normal(0, SIGMA, target.shape)
-        result = fit(scene, target, FREE, how, search=False, target_sampling=sampling, uncertain=TOLERANCES)
+        options = FitOptions(search=False, target_sampling=sampling, uncertain=TOLERANCES)
+        result = fit(scene, target, FREE, how, options=options)
         names = result.names
         error, total = result.value - truth(scene, names), result.total_error
         covariance = result.total_correlation * np.outer(total, total)
@@ -212,7 +214,7 @@ def fit_spreads(scene) -> dict[str, np.ndarray]:
         amount = float(share.removesuffix("%")) / 100
         whole = [p for block in blocks.get(name, []) for p in list_parameters(scene) if p.partition(".")[0] == block]
         for parameter in whole or [name]:
-            value = np.asarray(get_parameter(scene, parameter))
+            value = np.asarray(scene[parameter])
             if parameter != "cyan.ior":
                 found[parameter] = amount * np.linalg.norm(value)
     return found
@@ -220,7 +222,7 @@ def fit_spreads(scene) -> dict[str, np.ndarray]:
 
 def parameters(scene, names) -> list[tuple[str, np.ndarray]]:
     """The values of some parameters."""
-    return [(name, np.asarray(get_parameter(scene, name))) for name in names]
+    return [(name, np.asarray(scene[name])) for name in names]
 
 
 if __name__ == "__main__":

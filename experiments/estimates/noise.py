@@ -17,7 +17,8 @@ import jax
 import numpy as np
 from basin import CASES
 
-from raytrace_jax import RenderSettings, fit, load_scene, render, set_parameters
+from raytrace_jax import FitOptions, RenderSettings, fit, load_scene, render, set_parameters
+from raytrace_jax.inverse.options import LossChoice, TargetSampling
 
 SIGMA = 1 / 255
 ELLIPSE_95 = 9.488
@@ -44,7 +45,7 @@ def main() -> None:
             report(sampling, outliers, loss, arguments)
 
 
-def report(sampling: str, outliers: float, loss: str, arguments: argparse.Namespace) -> None:
+def report(sampling: TargetSampling, outliers: float, loss: LossChoice, arguments: argparse.Namespace) -> None:
     """One block of a table."""
     began, size = time.perf_counter(), tuple(arguments.size)
     scene, how = load_scene(CASES["assignment"].path), RenderSettings(size=size)
@@ -59,7 +60,8 @@ def report(sampling: str, outliers: float, loss: str, arguments: argparse.Namesp
         target = clean + random.normal(0, SIGMA, clean.shape)
         bad = random.random(clean.shape[1:]) < outliers
         target = np.where(bad, random.random(clean.shape), target)
-        results.append(fit(start, target, names, how, search=False, sigma=SIGMA, loss=loss, target_sampling=sampling))
+        options = FitOptions(search=False, sigma=SIGMA, loss=loss, target_sampling=sampling)
+        results.append(fit(start, target, names, how, options=options))
     errors = np.array([result.value - truth for result in results])
     reported = np.array([result.standard_error for result in results])
     bound = np.mean([result.uncertainty.cramer_rao for result in results], axis=0)

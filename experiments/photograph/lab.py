@@ -63,7 +63,7 @@ def run(number: int, case: str, folder: Path) -> dict:
         room = room_scene(located, flat)
         options = light_options(room)
         settings = RenderSettings(crop=flat.grid.window)
-        result = fit(room.scene, flat.image, FREE, settings, options, weights=flat.counts.astype(float))
+        result = fit(room.scene, flat.image, FREE, settings, options=options, weights=flat.counts.astype(float))
         found = result["ball.ior"]
         row |= {"by_corners": (index, error), "index": found.value, "error": found.error, "status": result.status}
         both = joined(located, room, result)

@@ -137,7 +137,7 @@ def run(number: int, case: str, folder: Path) -> dict:
     scene = room_scene(located, flat)
     options = light_options(scene)
     weights = flat.counts.astype(float)
-    result = fit(scene.scene, flat.image, FREE, RenderSettings(crop=flat.grid.window), options, weights=weights)
+    result = fit(scene.scene, flat.image, FREE, RenderSettings(crop=flat.grid.window), options=options, weights=weights)
     found, both = result["ball.ior"], joined(located, scene, result)
     place = result.names.index("ball.ior")
     noise = float(np.sqrt(result.uncertainty.covariance[place, place]))

@@ -187,9 +187,9 @@ def run(name):
     settings = rj.RenderSettings(size=target.shape[:0:-1])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = rj.fit(scene, target, list(case.free), settings, search=case.search)
+        found = rj.fit(scene, target, list(case.free), settings, options=rj.FitOptions(search=case.search))
     seconds = time.monotonic() - begun
-    exact = np.array([float(rj.get_parameter(truth, name)) for name in found.names])
+    exact = np.array([float(truth[name]) for name in found.names])
     return {
         "names": found.names,
         "error": (found.value - exact).tolist(),

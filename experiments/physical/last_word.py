@@ -78,7 +78,7 @@ def run(name: str, folder: Path) -> dict:
         photograph(light, CAMERA._replace(seed=CASES.index(name)), photo)
         light, free, storage = rt.read_picture(photo), [*BALL, *FILM], rt.jpeg_storage(photo)
     begun = time.monotonic()
-    found = rt.fit(guess, light, free, search=False, storage=storage)
+    found = rt.fit(guess, light, free, options=rt.FitOptions(search=False), storage=storage)
     off = {name: float(found.value[found.names.index(name)] - value) for name, value in exact.items()}
     error = dict(zip(found.names, map(float, found.total_error), strict=True))
     return {

@@ -12,7 +12,7 @@ from unittest import mock
 
 import numpy as np
 
-from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
+from raytrace_jax import RenderSettings, load_scene, render, set_parameters
 from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.problem import Problem
@@ -59,7 +59,7 @@ class Bench:
     def __init__(self, case: Case, size: tuple[int, int], sampling: str = "box"):
         self.case, self.truth_scene = case, load_scene(case.path)
         self.how = resolve_settings(self.truth_scene, RenderSettings(size=size))
-        self.truth = np.concatenate([np.atleast_1d(get_parameter(self.truth_scene, name)) for name in case.free])
+        self.truth = np.concatenate([np.atleast_1d(self.truth_scene[name]) for name in case.free])
         samples = BOX_SAMPLES if sampling == "box" else 1
         self.clean = np.asarray(render(self.truth_scene, dataclasses.replace(self.how, samples=samples)).image)
         self.kept: dict = {}

@@ -9,7 +9,7 @@ from bench import CASES, SIGMA, Bench, Case
 from replacing import replaced
 from scipy.ndimage import gaussian_filter
 
-from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
+from raytrace_jax import RenderSettings, load_scene, render, set_parameters
 from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.judge.assumptions import ModelCheck
 from raytrace_jax.inverse.judge.structure import explains
@@ -74,7 +74,7 @@ def endings(case: Case, size: tuple[int, int]) -> dict[str, Ending]:
         "2 % outliers": np.where(random.random(clean.shape[1:]) < 0.02, random.random(clean.shape), clean),
     }
     missed = {
-        "another radius": seen({f"{ball}.radius": 1.05 * float(get_parameter(scene, f"{ball}.radius"))}),
+        "another radius": seen({f"{ball}.radius": 1.05 * float(scene[f"{ball}.radius"])}),
         "another alpha": seen({f"{ball}.alpha": 0.55}),
         "no Schlick": seen({}, dataclasses.replace(bench.how, reflectance="none")),
         "a light elsewhere": seen({"topright.location": (3.0, 5.0, 1.0)}),

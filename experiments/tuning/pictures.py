@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from replacing import replaced
 
-from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
+from raytrace_jax import RenderSettings, load_scene, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, trace
 from raytrace_jax.tracer.levels.level import trace_level
@@ -72,7 +72,7 @@ class Bench:
             finite_differences(self.scene, [name], how, step=step, samples=SAMPLES)[0][INSIDE]
             for name, step in case.steps.items()
         ]
-        self.values = jnp.stack([get_parameter(self.scene, name) for name in self.names])
+        self.values = jnp.stack([self.scene[name] for name in self.names])
         self.settings = resolve_settings(self.scene, RenderSettings(size=size, edges="aware"))
         self.prepare()
 

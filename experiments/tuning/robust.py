@@ -7,7 +7,7 @@ import numpy as np
 from bench import CASES, Bench
 from replacing import replaced
 
-from raytrace_jax import Scene, get_parameter, render, set_parameters
+from raytrace_jax import Scene, render, set_parameters
 from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import FitOptions
@@ -41,7 +41,7 @@ def curvature_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
     }
     radius = f"{bench.case.ball}.radius"
     for factor in (1.05, 1.2):
-        moved = set_parameters(bench.truth_scene, {radius: factor * float(get_parameter(bench.truth_scene, radius))})
+        moved = set_parameters(bench.truth_scene, {radius: factor * float(bench.truth_scene[radius])})
         targets[f"radius {factor:g}"] = np.asarray(render(moved, bench.how).image)
     targets["upside down"] = bench.clean[:, ::-1]
     for word, target in targets.items():
@@ -68,7 +68,7 @@ def bounds_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
     """The last level from a bound of the ball's alpha or index, all else at the truth; targets with noise of 1/255."""
     bench, ball = Bench(CASES[name], size, "point"), CASES[name].ball
     free, target = (f"{ball}.alpha", *bench.case.free), bench.noisy(0)
-    alpha, index = (float(get_parameter(bench.truth_scene, one)) for one in free[:2])
+    alpha, index = (float(bench.truth_scene[one]) for one in free[:2])
     for start in ({f"{ball}.alpha": 0.0}, {f"{ball}.alpha": 1.0}, {f"{ball}.ior": 1.0}):
         scene = set_parameters(bench.truth_scene, start)
         solution, steps = refined(bench, scene, target, free)

@@ -102,7 +102,7 @@ def _fit(job: Job, folder: Path) -> Outcome:
         target = np.asarray(render(job_scene(job), settings).image)
     noise = np.random.default_rng(options["seed"]).normal(scale=options["noise"], size=target.shape)
     target = target + noise.astype(target.dtype)
-    result = fit(scene, target, options["free"], job.settings, how, weights=weights, storage=storage)
+    result = fit(scene, target, options["free"], job.settings, options=how, weights=weights, storage=storage)
     if result.status == "interrupted":
         raise KeyboardInterrupt
     fitted, numbers = (folder / file_name(job) / name for name in ("fit.txt", "result.json"))

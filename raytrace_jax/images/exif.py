@@ -15,7 +15,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.errors import PictureError, RaytraceWarning
 from raytrace_jax.util.files import read_bytes
 
 TURNS = {
@@ -71,7 +71,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
     It follows from the focal length for 35 mm film, whose frame has a diagonal of 43.27 mm (Exif 2.32, tag 0xA405), or
     from the lens's own and the width of the sensor: the pixels that the camera wrote (0xA002) over their density in the
     sensor's plane (0xA20E). A digital zoom (0xA404) shows less of it. The picture may have been made smaller since, but
-    not cut. A PictureWarning tells of what cannot be, and is not believed. Raises PictureError if the file is missing.
+    not cut. A RaytraceWarning tells of what cannot be, and is not believed. Raises PictureError if the file is missing.
     """
     exif = exif_of(path)
 
@@ -111,7 +111,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
         why = f"it was cut to {width:g} x {height:g} of {was[0]:g} x {was[1]:g} pixels"
     else:
         return angle
-    warnings.warn(f"{path}: its EXIF is not believed, for {why}.", PictureWarning, stacklevel=2)
+    warnings.warn(f"{path}: its EXIF is not believed, for {why}.", RaytraceWarning, stacklevel=2)
     return None
 
 

@@ -19,7 +19,7 @@ import numpy as np
 import OpenEXR
 from jax.typing import ArrayLike
 
-from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.errors import PictureError, RaytraceWarning
 from raytrace_jax.images.picture_file import KEY, refuse_beyond_memory, to_json
 from raytrace_jax.util.files import atomic_write, read_bytes
 from raytrace_jax.util.numerics import real_numbers
@@ -140,7 +140,7 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
             pixels, or has no such layer.
 
     Warns:
-        PictureWarning: the compression has changed the pixels, or the metadata cannot be read.
+        RaytraceWarning: the compression has changed the pixels, or the metadata cannot be read.
     """
     parts = _load_parts(path)
     counts = Counter(name for part in parts for name in part.channels)
@@ -155,7 +155,7 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
             lossy |= {compression} if channel.pixels.dtype.str[1:] in _LOSSY.get(compression, ()) else set()
     if lossy:
         words = f"{path}: was stored with the lossy compression {' and '.join(lossy)}; its pixels are not exact"
-        warnings.warn(words, PictureWarning, stacklevel=2)
+        warnings.warn(words, RaytraceWarning, stacklevel=2)
     if layer is not None:
         prefix = find_layer(channels, layer, str(path))
         channels = {name: array for name, array in channels.items() if name.rpartition(".")[0] == prefix}
@@ -225,11 +225,11 @@ def stored_pixels(path: str | os.PathLike[str], header: Mapping[str, Iterable]) 
 
 
 def read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -> dict[str, object]:
-    """What `write_exr` was given; a PictureWarning tells if that is broken."""
+    """What `write_exr` was given; a RaytraceWarning tells if that is broken."""
     with contextlib.suppress(TypeError, json.JSONDecodeError):
         if isinstance(metadata := json.loads(header.get(KEY, "{}")), dict):  # pyright: ignore[reportArgumentType]
             return metadata
-    warnings.warn(f"{path}: the attribute {KEY} is not a JSON object and is left out", PictureWarning, stacklevel=3)
+    warnings.warn(f"{path}: the attribute {KEY} is not a JSON object and is left out", RaytraceWarning, stacklevel=3)
     return {}
 
 

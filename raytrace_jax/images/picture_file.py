@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL.ExifTags import Base
 
-from raytrace_jax.errors import PictureError, PictureWarning, RaytraceError
+from raytrace_jax.errors import PictureError, RaytraceError, RaytraceWarning
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.exif import BROKEN, exif_of, orientation_of, upright
 from raytrace_jax.images.transfer import DECODERS, NEARLY, ColourSpace, largest_number
@@ -107,7 +107,7 @@ class PictureFile:
         return PictureError(f"{self.path}: {words}")
 
     def tell(self, words: str) -> None:
-        warnings.warn(f"{self.path}: {words}", PictureWarning, stacklevel=4)
+        warnings.warn(f"{self.path}: {words}", RaytraceWarning, stacklevel=4)
 
 
 class LibraryFile(PictureFile):

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.errors import PictureError, RaytraceWarning
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.camera_files import RAW, RAW_STARTS, JpegFile, TiffFile
 from raytrace_jax.images.exr import MAGIC
@@ -67,12 +67,12 @@ def read_picture(
             memory; a pixel is transparent, NaN or infinite; what it says of its colours is not known.
 
     Warns:
-        PictureWarning: it was turned upright, or converted from other primaries; its compression has changed it; its
+        RaytraceWarning: it was turned upright, or converted from other primaries; its compression has changed it; its
             pixels are not square, and are read as if they were; some are not stored.
     """
     light = read(path, layer=layer).light(transfer)
     if absent := _absent(light):
-        warnings.warn(f"{path}: {absent}; they have no weight.", PictureWarning, stacklevel=2)
+        warnings.warn(f"{path}: {absent}; they have no weight.", RaytraceWarning, stacklevel=2)
     return light
 
 

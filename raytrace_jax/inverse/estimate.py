@@ -3,13 +3,12 @@
 import dataclasses
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
-from raytrace_jax.errors import PictureWarning
+from raytrace_jax.errors import RaytraceWarning
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.images.masks import mask_in_words
 from raytrace_jax.inverse.build_problem import FitSetup, build_problem
@@ -17,7 +16,7 @@ from raytrace_jax.inverse.judge.changes import pixels_to_check
 from raytrace_jax.inverse.judge.model_check import check_model
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.observe.sampling import COARSE_SAMPLES, cached_detection, supersampled
-from raytrace_jax.inverse.options import FitOptions, Stage, changed_options
+from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.solve.candidates import unseen_balls, with_open
@@ -30,6 +29,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.background import CompileAhead, run_beside
+from raytrace_jax.util.checked import refuse_other
 
 
 def fit(
@@ -37,13 +37,12 @@ def fit(
     target: ArrayLike,
     free: Sequence[str],
     settings: RenderSettings | None = None,
-    options: FitOptions = FitOptions(),
     *,
+    options: FitOptions = FitOptions(),
     weights: ArrayLike | None = None,
     storage: JpegStorage | None = None,
     on_step: Callable[[FitStep], None] | None = None,
     on_phase: Callable[[str], None] | None = None,
-    **changes: Any,
 ) -> FitResult:
     """Find the values of free parameters with which a scene's picture equals a target, and how sure they are.
 
@@ -60,10 +59,11 @@ def fit(
         target: scene-linear RGB, top row first, of the size that `settings` render. NaN may stand where the weight is
             0; a pixel that `numpy.ma` masks, here or in the weights, has the weight 0.
         settings: how the target was rendered; its `edges` is not used. None takes the settings in the scene's file.
+        options: how the fit is set up and solved, as `FitOptions(search=False, sigma=0.01)`.
         weights: weight of each pixel in the sum of squares, 0 to leave it out, "height width"; or of each channel of
             each pixel, "3 height width".
         storage: how a JPEG has compressed the target (`jpeg_storage`): its bias is taken off.
-        **changes: fields of `FitOptions`, instead of those in `options`: `fit(..., search=False, sigma=0.01)`.
+        on_step, on_phase: called with each step of the solver, and with what the fit does next, in words.
 
     Returns:
         The estimates by name, `result["glass.ior"]`, with error bars, `status` and the fitted scene; an interrupted fit
@@ -74,7 +74,7 @@ def fit(
             that make no sense.
         PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
-    options = changed_options(options, changes)
+    refuse_other(options, FitOptions)
     setup = build_problem(scene, target, free, resolve_settings(scene, settings), options, weights, storage)
     setup = setup._replace(problem=setup.problem.in_own_unit())
     if options.sigma is not None:
@@ -120,7 +120,7 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
     bad = np.asarray(solution.linearization.bad) & problem.observation.counts
     if bad.any():
         words = f"{mask_in_words(bad)}, in the fitted picture or a derivative. They do not count."
-        warnings.warn(words, PictureWarning, stacklevel=2)
+        warnings.warn(words, RaytraceWarning, stacklevel=2)
     uncertainty, unseen = quantify_uncertainty(solution, options.sigma), unseen_balls(solution)
     for names in unseen.values():
         uncertainty = with_open(uncertainty, problem.unknowns.names, names)
@@ -143,7 +143,7 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
         error, clock = uncertainty.standard_error, recorder.check_clock
         recorder.found(check=check_model(solution, error, setup.uncertain, options.correlations, clock))
     except np.linalg.LinAlgError as reason:  # LAPACK cannot factorise a matrix: the fit has its answer all the same.
-        warnings.warn(f"the model could not be checked: {reason}.", stacklevel=2)
+        warnings.warn(f"the model could not be checked: {reason}.", RaytraceWarning, stacklevel=2)
 
 
 def prepare_search(

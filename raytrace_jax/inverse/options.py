@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.checked import Checked, Wanted
-from raytrace_jax.util.text import did_you_mean, quoted
 
 LossName = Literal["l2", "cauchy"]
 """The losses of `inverse.problem.linearize`."""
@@ -40,7 +39,7 @@ class Stage:
     noise: float = 0.0
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class FitOptions(Checked):
     """The setup of a fit and its solve; the defaults suit the picture of a camera and that of a renderer.
 
@@ -141,22 +140,3 @@ class FitOptions(Checked):
         if edges == "point" and isinstance(samples, int) and isinstance(binning, int):
             return dataclasses.replace(self, target_samples=samples * binning)
         return self
-
-
-def changed_options(options: FitOptions, changes: Mapping[str, Any]) -> FitOptions:
-    """The options with some of their fields changed.
-
-    Raises:
-        ParameterError: what was given is no `FitOptions`, or has no such field; a value that makes no sense.
-    """
-    names = [field.name for field in dataclasses.fields(FitOptions)]
-    if not isinstance(options, FitOptions):
-        raise ParameterError(
-            f"options are of the type {type(options).__name__}; FitOptions are wanted, as FitOptions(sigma=0.01), or "
-            "its fields as keywords of fit."
-        )
-    for name in changes:
-        if name not in names:
-            close = did_you_mean(name, names)
-            raise ParameterError(f"there is no option {quoted(name)}.{close} There are {', '.join(names)}.")
-    return dataclasses.replace(options, **changes)

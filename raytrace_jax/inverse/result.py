@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from raytrace_jax import inverse
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.judge.assumptions import Dependence, ModelCheck, dependences
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty, correlation_of
@@ -306,9 +305,27 @@ class FitResult:
         heads, rows = estimate_table(self.rows)
         return "\n".join([*aligned([heads, *rows]), last_word(self)])
 
-    def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write the report into a folder; see `write_report`."""
-        inverse.write_report(self, folder)
+    def save(self, folder: str | os.PathLike[str], *, long: bool = False, pdf: bool = False) -> None:
+        """Write the report of a fit into a folder.
+
+        The files are `result.json` and `fit.txt`, with the pictures of its textures, and then `result.npz`, which
+        `FitResult.load` reads, `fit.exr`, `residual.exr`, the figure `report.png` and the page `report.html`. For a
+        paper there are also `estimates.csv`, `estimates.tex`, and what was done as `methods.txt`. Each appears only
+        when it is whole, and one of an earlier fit is replaced. `residual.exr` is signed, the fit minus the target; a
+        fit that was stopped before it rendered its picture has neither of the two EXR files. `report.html` needs no
+        other file and no network. `result.json` has null for what is infinite or not a number.
+
+        Args:
+            folder: where to write; it is made if it is missing.
+            long: whether estimates are written `1.337 +- 0.002` in place of `1.337(2)`.
+            pdf: whether the figure is written as `report.pdf` as well, for a paper; that takes seconds.
+
+        Raises:
+            RaytraceError: the folder or a file in it cannot be written, or a picture holds NaN.
+        """
+        from raytrace_jax.report.fit_report.folder import write_report
+
+        write_report(self, folder, long, pdf)
 
     @staticmethod
     def load(folder: str | os.PathLike[str]) -> "FitResult":

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.errors import PictureWarning, RaytraceError
+from raytrace_jax.errors import RaytraceError, RaytraceWarning
 from raytrace_jax.images.exif import BACK
 from raytrace_jax.util.files import read_bytes, write_text
 
@@ -107,7 +107,7 @@ def write_lens(path: str | os.PathLike[str], lens: LensPrior, size: tuple[int, i
 def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> LensPrior:
     """Read a lens, as `raytrace-jax calibrate` writes it, for a picture of this size on the sensor.
 
-    Of a lens whose pictures are as high as this one is wide, as programs turn them, a PictureWarning tells.
+    Of a lens whose pictures are as high as this one is wide, as programs turn them, a RaytraceWarning tells.
 
     Raises:
         RaytraceError: the file is none of a lens, or of pictures of another shape.
@@ -135,7 +135,7 @@ def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> LensPrior:
     warnings.warn(
         f"{path}: is the lens of pictures of {width} x {height} pixels, and this one has {size[0]} x {size[1]}: it is "
         "turned by a quarter, and to which side is not known. Calibrate with pictures that say how they are turned.",
-        PictureWarning,
+        RaytraceWarning,
         stacklevel=2,
     )
     # Of two principal points that are as likely, on opposite sides of the middle, mean and covariance.

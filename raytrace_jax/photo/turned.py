@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.errors import PictureError, RaytraceWarning
 from raytrace_jax.photo.boards import CharucoBoard
 from raytrace_jax.photo.find_camera import FoundCamera, find_camera, one_lens, one_size
 from raytrace_jax.photo.lens import LensPrior, Turn, uncalibrated
@@ -31,7 +31,7 @@ def turned_alike(photographs: Sequence[Photograph], board: CharucoBoard, *, is_t
         is_tank: whether a part of the board is seen through a tank.
 
     Warns:
-        PictureWarning: a photograph was turned.
+        RaytraceWarning: a photograph was turned.
 
     Raises:
         PictureError: the sizes differ otherwise, or not exactly one turn of a photograph fits.
@@ -71,7 +71,7 @@ def turned_alike(photographs: Sequence[Photograph], board: CharucoBoard, *, is_t
             f"{photographs[k].name}: has {width} x {height} pixels, other photographs have {size[0]} x {size[1]}, and "
             f"no EXIF says how it was turned. Its lens is that of the others if the picture was turned by a quarter "
             f"{QUARTERS[fits[0]]}: it is taken to be so.",
-            PictureWarning,
+            RaytraceWarning,
             stacklevel=2,
         )
     return found

@@ -210,7 +210,7 @@ def list_parameters(scene: Scene) -> dict[str, Array]:
 
 
 def get_parameter(scene: Scene, name: str) -> Array:
-    """Return a parameter's value: shape () for a single number, (2,) or (3,) for a vector. Raises ParameterError."""
+    """A parameter's value: what `scene[name]` says."""
     return resolve(scene, name).address.read(scene)
 
 

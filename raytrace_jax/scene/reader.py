@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from jax.typing import DTypeLike
 
-from raytrace_jax.errors import ModelFileError, ModelFileWarning
+from raytrace_jax.errors import ModelFileError, RaytraceWarning
 from raytrace_jax.scene.bundled import no_such_scene, scene_path
 from raytrace_jax.scene.rows import HEAD, Description, assemble, either, floating
 from raytrace_jax.scene.scene import Scene
@@ -122,7 +122,7 @@ def _read_attribute(stream: TokenStream, block: FileBlock) -> None:
     name = token.text
     if name == "worldim" and block.keyword == "camera":  # The course's own writer spells it so.
         message = f"{token.place}: 'worldim' is read as 'worlddim', as the file format spells it."
-        warnings.warn(message, ModelFileWarning, stacklevel=2)
+        warnings.warn(message, RaytraceWarning, stacklevel=2)
         name = "worlddim"
     if name in block.values:
         raise token.error(f"{block} has {name} twice.")

@@ -15,7 +15,7 @@ import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array, Float
 
-from raytrace_jax.errors import PictureError, RaytraceError, SceneError, SceneWarning
+from raytrace_jax.errors import PictureError, RaytraceError, RaytraceWarning, SceneError
 from raytrace_jax.images.pictures import read_whole_picture, states_colours
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType, is_name
@@ -306,7 +306,7 @@ def floating(dtype: DTypeLike | None) -> np.dtype:
     """The dtype that JAX makes of one, or of None. Raises TypeError: it is not a floating type.
 
     Warns:
-        SceneWarning: float64 is asked for while JAX computes without it.
+        RaytraceWarning: float64 is asked for while JAX computes without it.
     """
     float_dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
     if not jnp.issubdtype(float_dtype, jnp.floating):
@@ -315,7 +315,7 @@ def floating(dtype: DTypeLike | None) -> np.dtype:
     if dtype is not None and dtype is not float and np.dtype(dtype) != float_dtype:
         warnings.warn(
             f"the scene is in {float_dtype}: {np.dtype(dtype)} needs jax.config.update('jax_enable_x64', True) before.",
-            SceneWarning,
+            RaytraceWarning,
             stacklevel=4,
         )
     return float_dtype

@@ -73,7 +73,11 @@ class Scene(eqx.Module):
         return f"Scene({', '.join([self.model, f'camera={width}x{height}', *blocks])})"
 
     def __getitem__(self, name: str) -> Array:
-        """The value of a parameter, as `scene["glass.ior"]`; see `get_parameter`."""
+        """The value of a parameter, as `scene["glass.ior"]`: shape () for a number, (2,) or (3,) for a vector.
+
+        Raises:
+            ParameterError: there is no parameter of that name.
+        """
         from raytrace_jax.scene.parameters import get_parameter
 
         return get_parameter(self, name)

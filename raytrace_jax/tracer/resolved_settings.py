@@ -5,12 +5,12 @@ import math
 import warnings
 from typing import Annotated, Any
 
-from raytrace_jax.errors import SceneError, SceneWarning, SettingsError
+from raytrace_jax.errors import RaytraceWarning, SceneError, SettingsError
 from raytrace_jax.scene import setting_words as words
 from raytrace_jax.scene.response import Frame
 from raytrace_jax.scene.scene import FileSettings, Scene, check_scene
 from raytrace_jax.tracer.settings import MODEL_RULES, ModelRules, RenderSettings
-from raytrace_jax.util.checked import Wanted
+from raytrace_jax.util.checked import Wanted, refuse_other
 
 SUBDIVISIONS = 2
 """A footprint may be cut into three so often.
@@ -21,7 +21,7 @@ Once less makes small pictures twice as wrong. Once more makes one scene of two 
 OF_MODEL: Any = None  # The default of a setting that `MODEL_RULES` fills.
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ResolvedSettings(RenderSettings):
     """The settings of a picture, each with its value: as asked for, else as the scene's file says, else the model's.
 
@@ -119,21 +119,19 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
         SceneError, SettingsError: what is given is no scene, or no settings; or it has slabs, and the model none.
 
     Warns:
-        SceneWarning: the scene was loaded as another model, whose defaults it has.
+        RaytraceWarning: the scene was loaded as another model, whose defaults it has.
     """
     check_scene(scene)
-    if asked is not None and not isinstance(asked, RenderSettings):
-        written = ", ".join(f"{name}={value!r}" for name, value in asked.items()) if isinstance(asked, dict) else "..."
-        raise SettingsError(f"settings are wanted, and this is {asked!r}: write RenderSettings({written}).")
+    asked = RenderSettings() if asked is None else asked
+    refuse_other(asked, RenderSettings)
     if isinstance(asked, ResolvedSettings):
         return asked
-    asked = asked or RenderSettings()
     model = asked.model or scene.model
     if model != scene.model:
         warnings.warn(
             f"this scene was loaded as {scene.model} and is rendered as {model}: attributes that its blocks leave "
             f"out have the defaults of the {scene.model} model. Load it with model={model!r}.",
-            SceneWarning,
+            RaytraceWarning,
             stacklevel=3,
         )
     if scene.slabs.names and model != "physical":

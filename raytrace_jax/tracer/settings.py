@@ -57,7 +57,7 @@ MODEL_RULES: dict[words.ModelName, ModelRules] = {
 """The models' rules; `levels.level.MODELS` has what they do with radiance."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class RenderSettings(Checked):
     """Settings as they are asked for; None is what the scene's file says, or else the model's own.
 

@@ -55,11 +55,19 @@ class Checked:
                 object.__setattr__(self, name, tuple(map(kind, value)) if kind in (int, float) else tuple(value))
 
 
-def refuse_other(given: object, wanted: type, maker: str) -> None:
-    """Raise RaytraceError for what is not of the type that is wanted, which `maker` returns."""
-    if not isinstance(given, wanted):
-        came = f"of the type {type(given).__name__}"
-        raise RaytraceError(f"a {wanted.__name__} is wanted, as {maker} returns it, and this is {came}.")
+def refuse_other(given: object, wanted: type, maker: str = "") -> None:
+    """Raise RaytraceError for what is not of the type that is wanted, which `maker` returns.
+
+    `Checked` options need no maker: the error, of the class that they refuse with, says how they are written.
+    """
+    if isinstance(given, wanted):
+        return
+    if issubclass(wanted, Checked):
+        written = ", ".join(f"{name}={value!r}" for name, value in given.items()) if isinstance(given, dict) else "..."
+        name = wanted.__name__
+        raise wanted.refused(f"{name} are wanted, and this is {given!r}: write {name}({written}).")
+    came = f"of the type {type(given).__name__}"
+    raise RaytraceError(f"a {wanted.__name__} is wanted, as {maker} returns it, and this is {came}.")
 
 
 @functools.cache

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import jax
 
+from raytrace_jax.errors import RaytraceWarning
 from raytrace_jax.util.kept_programs import keep_programs
 
 
@@ -39,7 +40,7 @@ def enable_compile_cache(folder: str | os.PathLike[str] | None = None) -> None:
         folder: where; None is `raytrace-jax` in the user's cache folder.
 
     Warns:
-        UserWarning: the folder cannot be written; nothing is kept then.
+        RaytraceWarning: the folder cannot be written; nothing is kept then.
     """
     if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
         return
@@ -51,6 +52,7 @@ def enable_compile_cache(folder: str | os.PathLike[str] | None = None) -> None:
     except OSError as reason:
         warnings.warn(
             f"{folder}: compiled programs cannot be kept here, so that every start takes longer: {reason.strerror}.",
+            RaytraceWarning,
             stacklevel=2,
         )
         return

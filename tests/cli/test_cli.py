@@ -13,7 +13,6 @@ from PIL import Image
 import raytrace_jax
 from raytrace_jax import (
     FitOptions,
-    PictureDerivatives,
     RenderSettings,
     format_scene,
     load_scene,
@@ -26,7 +25,7 @@ from raytrace_jax import (
 from raytrace_jax.cli.options import RenderOptions
 from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.inverse.result import Status
-from raytrace_jax.tracer.derivatives import finite_differences
+from raytrace_jax.tracer.derivatives import PictureDerivatives, finite_differences
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import AOVS, AovName
 
@@ -104,8 +103,10 @@ def test_render_options_reach_the_settings(replace_work, tmp_path):
     options += " --edges aware --binning 2 --path-limit 50"
     run("render", VITREOUS, "-o", tmp_path / "a.exr", *options.split(), "--aov", "depth", "--aov", "normal", "depth")
     [(scene, settings)] = seen
-    values = (40, 30), (1, 2, 3, 4), 2, "center", "none", "physical", 3, False, False, False, ("depth", "normal")
-    expected = ResolvedSettings(*values, "aware", 2, path_limit=50.0)
+    given = {"size": (40, 30), "crop": (1, 2, 3, 4), "samples": 2, "mapping": "center", "reflectance": "none"}
+    given |= {"eta": "physical", "max_bounces": 3, "path_limit": 50.0, "edges": "aware", "binning": 2}
+    given |= dict.fromkeys(["total_internal_reflection", "second_root", "reflection"], False)
+    expected = ResolvedSettings(**given, aov=("depth", "normal"))
     assert settings == expected
     default = ResolvedSettings()
     # Two of them are other models': they come on their own.
@@ -205,7 +206,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, replace_work, cap
     expected = fake_result(status=status)
     seen = {}
 
-    def fit(scene, target, free, settings, options, *, weights, storage, on_step, on_phase):
+    def fit(scene, target, free, settings, *, options, weights, storage, on_step, on_phase):
         assert storage is None, "a PNG is not compressed"
         seen.update(options=options, weights=weights, scene=scene, target=target, free=free, settings=settings)
         on_phase("scanning: compiling")

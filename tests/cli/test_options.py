@@ -1,6 +1,6 @@
 """What a fit can be told: one set of options for Python, the command line and batches, and names under any spelling."""
 
-import operator
+import inspect
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from posing import posed
 from scenes import assignment_scene
 
 from raytrace_jax import FitOptions, ParameterError, RenderSettings, fit
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SMALL = RenderSettings(size=(8, 6))
 COLUMNS = np.random.default_rng([0, 2]).normal(size=(2, 3, 24, 32))
@@ -40,21 +41,21 @@ def test_senseless_options_are_refused(options, words):
         FitOptions(**options)
 
 
-def linear_fit(*options, **changes):
+def linear_fit(**options):
     problem = linear_problem(COLUMNS, TARGET)
-    return fit(problem.scene, TARGET, linear_names(2), problem.base, *options, **changes)
+    return fit(problem.scene, TARGET, linear_names(2), problem.base, options=FitOptions(**options))
 
 
-def test_keywords_go_before_options():
-    changes = {"edges": "point", "target_sampling": "point", "search": False, "sigma": 0.02}
-    one = linear_fit(**changes)
-    other = linear_fit(FitOptions(**{**changes, "sigma": 0.5}), sigma=0.02)
-    for name in ("value", "standard_error", "status", "uncertainty.sigma", "uncertainty.reduced_chi_square"):
-        read = operator.attrgetter(name)
-        np.testing.assert_array_equal(read(one), read(other))
-    for changes, words in (({"serach": False}, "no option 'serach'"), ({"max_steps": 0}, "max_steps is 0")):
-        with pytest.raises(ParameterError, match=words):
-            linear_fit(**changes)
+def test_options_are_told_in_one_way():
+    """Fields of options have names, and a fit takes them as `options`; a wrong name is Python's own error."""
+    for name in ("options", "weights", "storage", "on_step", "on_phase"):
+        assert inspect.signature(fit).parameters[name].kind is inspect.Parameter.KEYWORD_ONLY
+    for options in (FitOptions, RenderSettings, ResolvedSettings):
+        assert {one.kind for one in inspect.signature(options).parameters.values()} == {inspect.Parameter.KEYWORD_ONLY}
+    with pytest.raises(TypeError, match=r"FitOptions\.__init__\(\) got an unexpected keyword argument 'serach'"):
+        FitOptions(serach=False)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'sigma'"):
+        fit(assignment_scene(), TARGET, ["cyan.ior"], SMALL, sigma=0.02)
 
 
 @pytest.mark.parametrize("spread", [10.0, 1.0, 0.3])

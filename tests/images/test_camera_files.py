@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from image_files import jpeg, photo, write_tiff
 from PIL import Image
 
-from raytrace_jax import PictureError, PictureWarning, read_picture
+from raytrace_jax import PictureError, RaytraceWarning, read_picture
 from raytrace_jax.images.exif import angle_of_view
 from raytrace_jax.images.pictures import states_colours
 from raytrace_jax.images.transfer import DECODERS, srgb_to_linear
@@ -187,7 +187,7 @@ def test_the_angle_of_view_follows_from_exif(size, exif, wanted, tmp_path):
 )
 def test_impossible_exif_is_not_believed(size, exif, words, tmp_path):
     path = photo(tmp_path / "a.jpg", size, **exif)
-    with pytest.warns(PictureWarning, match=words):
+    with pytest.warns(RaytraceWarning, match=words):
         assert angle_of_view(path) is None
 
 

@@ -13,7 +13,7 @@ from image_files import BT_2020, HEADER_END
 from PIL import Image, ImageCms
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from raytrace_jax import PictureError, PictureWarning, read_picture, write_png
+from raytrace_jax import PictureError, RaytraceWarning, read_picture, write_png
 from raytrace_jax.images.icc import SRGB_TO_XYZ, read_profile
 from raytrace_jax.images.pictures import states_colours
 from raytrace_jax.images.png import png_chunk
@@ -122,7 +122,7 @@ def test_it_is_read_as_lcms_converts_it(curve, to_xyz, tmp_path):
     if to_xyz is SRGB_TO_XYZ:
         found = read_picture(tmp_path / "a.tif")
     else:
-        with pytest.warns(PictureWarning, match=r"its primaries are others \(of a test\)"):
+        with pytest.warns(RaytraceWarning, match=r"its primaries are others \(of a test\)"):
             found = read_picture(tmp_path / "a.tif")
     inside = np.asarray(other).min(axis=-1) > 0
     assert inside.mean() > 0.5
@@ -177,7 +177,7 @@ def test_exr_primaries_keep_the_light(primaries, tmp_path):
     rgb = np.moveaxis(LIGHT, -1, 0)
     stored = LIGHT @ np.linalg.solve(rgb_to_xyz(primaries), rgb_to_xyz(REC_709)).T
     OpenEXR.File([exr_part(stored, chromaticities=primaries)]).write(str(tmp_path / "a.exr"))
-    with pytest.warns(PictureWarning, match="its light is converted to Rec. 709"):
+    with pytest.warns(RaytraceWarning, match="its light is converted to Rec. 709"):
         found = read_picture(tmp_path / "a.exr")
     np.testing.assert_allclose(found, rgb, atol=2e-6)
 
@@ -211,7 +211,7 @@ def test_an_exr_colour_space_id_is_converted(space, header, words, tmp_path, rec
     OpenEXR.File([exr_part(converted(space), **header)]).write(str(tmp_path / "a.exr"))
     found = read_picture(tmp_path / "a.exr")
     np.testing.assert_allclose(np.moveaxis(found, 0, -1), LIGHT, atol=2e-5)
-    told = [str(one.message) for one in recwarn if one.category is PictureWarning]
+    told = [str(one.message) for one in recwarn if one.category is RaytraceWarning]
     assert len(told) == len(words) and all(word in one for word, one in zip(words, told, strict=True))
 
 
@@ -220,7 +220,7 @@ def test_each_exr_part_has_its_colour_space(tmp_path):
     others = [exr_part(converted("lin_ap1_scene"), "diffuse"), exr_part(LIGHT, "normal", colorInteropID="data")]
     OpenEXR.File([first, *others]).write(str(tmp_path / "a.exr"))
     for layer in ("beauty", "diffuse"):
-        with pytest.warns(PictureWarning, match=r"its primaries are others \(lin_ap1_scene\)"):
+        with pytest.warns(RaytraceWarning, match=r"its primaries are others \(lin_ap1_scene\)"):
             found = read_picture(tmp_path / "a.exr", layer=layer)
         np.testing.assert_allclose(np.moveaxis(found, 0, -1), LIGHT, atol=2e-5)
     np.testing.assert_allclose(np.moveaxis(read_picture(tmp_path / "a.exr", layer="normal"), 0, -1), LIGHT, atol=1e-6)
@@ -255,7 +255,9 @@ def test_primaries_of_tiff_and_exif_hold(suffix, tags, primaries, tmp_path):
     exif.update(tags)
     Image.fromarray(CODES).save(path, exif=exif, quality=100, subsampling=0)
     matrix, light, off = to_rec_709(primaries), DECODERS["srgb"](CODES), 0.05 if suffix == ".jpg" else 2e-5
-    told = contextlib.nullcontext() if matrix is None else pytest.warns(PictureWarning, match="its primaries are other")
+    told = (
+        contextlib.nullcontext() if matrix is None else pytest.warns(RaytraceWarning, match="its primaries are other")
+    )
     with told:
         found = read_picture(path)
     np.testing.assert_allclose(np.moveaxis(found, 0, -1), light if matrix is None else light @ matrix.T, atol=off)
@@ -314,7 +316,7 @@ def test_png_primaries_are_converted(chunks, to_light, tmp_path):
     Image.fromarray(codes).save(stored, "PNG")
     data = stored.getvalue()
     (tmp_path / "a.png").write_bytes(data[:HEADER_END] + chunks + data[HEADER_END:])
-    with pytest.warns(PictureWarning, match="its primaries are others"):
+    with pytest.warns(RaytraceWarning, match="its primaries are others"):
         found = read_picture(tmp_path / "a.png")
     light = DECODERS["srgb"](codes) if to_light == "srgb" else codes / 255
     np.testing.assert_allclose(np.moveaxis(found, 0, -1), light @ to_rec_709(P3).T, atol=1e-6)

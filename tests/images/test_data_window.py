@@ -13,10 +13,9 @@ from scenes import assignment_scene, resolved
 from raytrace_jax import (
     FitOptions,
     PictureError,
-    PictureWarning,
     RaytraceError,
+    RaytraceWarning,
     fit,
-    get_parameter,
     load_scene,
     read_exr,
     read_mask,
@@ -53,7 +52,7 @@ def part(tmp_path):
 
 def test_what_is_not_stored_has_no_weight(part):
     """As with a mask of one's own, also beside weights and after what counts nothing for other reasons."""
-    with pytest.warns(PictureWarning, match=f"part.exr: {ABSENT}.*no weight") as told:
+    with pytest.warns(RaytraceWarning, match=f"part.exr: {ABSENT}.*no weight") as told:
         target = read_picture(part)
     assert len(told) == 1 and target.shape == (3, *SIZE[::-1])
     np.testing.assert_array_equal(np.ma.getmaskarray(target), np.broadcast_to(HOLES, target.shape))
@@ -92,10 +91,10 @@ def test_a_part_of_a_picture_is_fitted(tmp_path):
     image = np.asarray(render(set_parameters(scene, {"crown.ior": 1.52})).image, np.float32)
     colours = {name: np.ascontiguousarray(image[k, 2:10, 3:12]) for k, name in enumerate("RGB")}
     path = store(tmp_path / "a.exr", (3, 2, 11, 9), (0, 0, 15, 11), colours)
-    with pytest.warns(PictureWarning, match="120 of its 192 pixels"):
+    with pytest.warns(RaytraceWarning, match="120 of its 192 pixels"):
         target = read_picture(path)
     result = fit(scene, target, ["crown.ior"], options=FitOptions(edges="point", search=False))
-    assert float(get_parameter(result.scene, "crown.ior")) == pytest.approx(1.52, abs=1e-5)
+    assert float(result.scene["crown.ior"]) == pytest.approx(1.52, abs=1e-5)
 
 
 def test_overscan_is_cut_without_a_word(tmp_path):
@@ -116,7 +115,7 @@ def test_each_part_has_its_own_window(tmp_path):
         parts.append(OpenEXR.Part(header, colours, name))
     OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
     assert not np.ma.isMaskedArray(read_picture(tmp_path / "a.exr", layer="whole"))
-    with pytest.warns(PictureWarning, match="18 of its 117 pixels"):
+    with pytest.warns(RaytraceWarning, match="18 of its 117 pixels"):
         cut = read_picture(tmp_path / "a.exr", layer="left")
     absent = np.ma.getmaskarray(cut)
     assert absent[:, :, :2].all() and not absent[:, :, 2:].any()

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from image_files import BLUE, CLEAN, DEPTH, GREEN, RED
 
-from raytrace_jax import PictureError, PictureWarning, read_exr, read_picture
+from raytrace_jax import PictureError, RaytraceWarning, read_exr, read_picture
 
 RANDOM = np.random.default_rng(0)
 NAN = np.where(np.arange(117).reshape(9, 13) == 28, np.nan, RED)
@@ -64,7 +64,7 @@ def test_warns_only_of_lossy_compression(tmp_path, compression, dtype, is_lossy)
         compression=getattr(OpenEXR, f"{compression}_COMPRESSION"),
     )
     if is_lossy:
-        with pytest.warns(PictureWarning, match=f"lossy compression {compression}"):
+        with pytest.warns(RaytraceWarning, match=f"lossy compression {compression}"):
             stored = read_picture(path)
     else:
         stored = read_picture(path)
@@ -240,5 +240,5 @@ def test_luminance_with_chroma_is_not_grey(tmp_path):
 @pytest.mark.parametrize("stored", ["not JSON", "[1]", 7])
 def test_broken_metadata_is_ignored(tmp_path, stored):
     path = store(tmp_path / "a.exr", CLEAN, raytrace_jax=stored)
-    with pytest.warns(PictureWarning, match="is not a JSON object"):
+    with pytest.warns(RaytraceWarning, match="is not a JSON object"):
         assert read_exr(path).metadata == {}

@@ -10,7 +10,7 @@ from image_files import chunk
 from PIL import Image
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from raytrace_jax import PictureError, PictureWarning, read_mask, read_picture
+from raytrace_jax import PictureError, RaytraceWarning, read_mask, read_picture
 
 PREVIEW = Image.fromarray(np.random.default_rng(0).integers(0, 256, (12, 16, 3)).astype(np.uint8))
 REDUCED, INNER, DNG, MOSAIC, PHOTOMETRIC, COMPRESSION = 254, 330, 50706, 33422, 262, 259
@@ -126,5 +126,7 @@ def test_pixels_that_are_not_square_are_told(make, aspect, tmp_path):
     if aspect == 1:
         read_picture(tmp_path / "a.picture")
         return
-    with pytest.warns(PictureWarning, match=rf"its pixels are {aspect} times as wide as high; they are read as square"):
+    with pytest.warns(
+        RaytraceWarning, match=rf"its pixels are {aspect} times as wide as high; they are read as square"
+    ):
         read_picture(tmp_path / "a.picture")

@@ -12,7 +12,7 @@ from image_files import SIGNATURE, chunk, png_bytes
 from PIL import Image
 
 import raytrace_jax
-from raytrace_jax import PictureError, PictureWarning, read_mask, read_picture, write_exr, write_png
+from raytrace_jax import PictureError, RaytraceWarning, read_mask, read_picture, write_exr, write_png
 from raytrace_jax.images.pictures import states_colours
 from raytrace_jax.images.png import PngFile
 from raytrace_jax.images.transfer import decode_course, decode_srgb, encode_course, encode_srgb
@@ -254,7 +254,7 @@ def test_narrow_range_and_ycbcr_are_refused(cicp, read, stored):
 def test_an_animation_gives_its_first_frame(tmp_path):
     first, second = (Image.fromarray(np.full((2, 3, 3), value, np.uint8)) for value in (51, 255))
     first.save(tmp_path / "a.png", save_all=True, append_images=[second])
-    with pytest.warns(PictureWarning, match="is animated, and only its first picture is read"):
+    with pytest.warns(RaytraceWarning, match="is animated, and only its first picture is read"):
         np.testing.assert_array_equal(read_png(tmp_path / "a.png"), np.full((3, 2, 3), np.float32(51.5 / 255)))
 
 

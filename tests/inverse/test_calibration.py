@@ -9,7 +9,7 @@ from linear_fit import linear_names, linear_problem
 from linear_pictures import COLUMNS, PSEUDO_INVERSE, SIGMA, TRUTH, judged, picture, white
 from scipy import ndimage
 
-from raytrace_jax import fit
+from raytrace_jax import FitOptions, fit
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "experiments" / "calibration"))
 import calibration
@@ -52,7 +52,8 @@ def fitted(light, weight, **options):
     target = light * (picture(TRUTH) + white())
     problem = linear_problem(light * COLUMNS, target, start=TRUTH + 0.05)
     weights = np.full(target.shape[1:], weight)
-    return fit(problem.scene, target, linear_names(3), problem.base, search=False, weights=weights, **options)
+    options = FitOptions(search=False, **options)
+    return fit(problem.scene, target, linear_names(3), problem.base, options=options, weights=weights)
 
 
 @pytest.mark.parametrize("sampling", ["point", "aware"])

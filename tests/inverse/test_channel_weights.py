@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from raytrace_jax import (
+    FitOptions,
     ParameterError,
     PictureError,
     RenderSettings,
@@ -38,7 +39,9 @@ def test_a_channel_without_weight_moves_nothing():
     target += 0.002 * np.random.default_rng(0).standard_normal(target.shape)
     weight = np.ones(target.shape)
     weight[2] = 0
-    result = fit(SCENE, target, ["crown.ior"], search=False, target_sampling="aware", weights=weight)
+    result = fit(
+        SCENE, target, ["crown.ior"], options=FitOptions(search=False, target_sampling="aware"), weights=weight
+    )
     assert result["crown.ior"].value == pytest.approx(1.52, abs=1e-4)
     assert result.status == "converged" and result.uncertainty.sigma == pytest.approx(0.002, rel=0.15)
     np.testing.assert_array_equal(result.pictures.weights, weight)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from posing import posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax import RenderSettings, fit, render, set_parameters
+from raytrace_jax import FitOptions, RenderSettings, fit, render, set_parameters
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.observe.sampling import detect_sampling
 from raytrace_jax.inverse.problem.unknowns import Transform
@@ -82,7 +82,7 @@ def met_nearby(target):
 def followed(target, scene, **options):
     steps = []
     with counted_compiles() as compiles:
-        result = fit(scene, target, FREE, POINT, on_step=steps.append, **options)
+        result = fit(scene, target, FREE, POINT, options=FitOptions(**options), on_step=steps.append)
     return result, tuple(steps), compiles
 
 
@@ -121,21 +121,22 @@ def test_a_box_target_needs_no_more_programs(met):
     near = set_parameters(truth, {"vitreous.ior": 1.449, "vitreous.center.x": 4.151})
     corrections = []
     with counted_compiles() as compiles:
-        result = fit(near, target, FREE, POINT, search=False, target_sampling="box", on_phase=corrections.append)
+        options = FitOptions(search=False, target_sampling="box")
+        result = fit(near, target, FREE, POINT, options=options, on_phase=corrections.append)
     assert result.target_samples == 9 and any("own samples" in words for words in corrections)
     assert not {"jit(differentiate_batches)", "jit(linearize)"} & set(compiles), compiles
     np.testing.assert_allclose(result.value, ANSWER, atol=2e-3)
 
 
 def test_a_budget_keeps_what_there_is(target):
-    result = fit(assignment_scene(), target, FREE, POINT, search=False, max_seconds=1e-9)
+    result = fit(assignment_scene(), target, FREE, POINT, options=FitOptions(search=False, max_seconds=1e-9))
     assert result.status == "interrupted" and "more time" in result.advice
     np.testing.assert_array_equal(result.value, result.initial)
 
 
 @pytest.mark.slow
 def test_another_picture_is_not_converged(target):
-    result = fit(assignment_scene(), target[:, ::-1], FREE, POINT, search=False)
+    result = fit(assignment_scene(), target[:, ::-1], FREE, POINT, options=FitOptions(search=False))
     assert result.status == "not_converged", result.message
     assert "structure" in result.message
 
@@ -148,11 +149,11 @@ def test_uneven_light_is_named_and_fitted():
     def lit(x):
         return np.asarray(render(set_parameters(scene, {**TRUTH, "film.light.x": x}), POINT).image) + noise
 
-    found = fit(scene, lit(-1 / 3), [*FREE, "film.light"], POINT, **NEARBY)
+    found = fit(scene, lit(-1 / 3), [*FREE, "film.light"], POINT, options=FitOptions(**NEARBY))
     assert found.status == "converged", found.message
     off = np.abs(found.value - [*ANSWER, -1 / 3, 0, 0, 0, 0])
     assert np.all(off < 3 * found.standard_error) and found["vitreous.ior"].error < 2e-3
-    left_out = fit(scene, lit(-0.1), FREE, POINT, **NEARBY)
+    left_out = fit(scene, lit(-0.1), FREE, POINT, options=FitOptions(**NEARBY))
     assert left_out.status == "model_incomplete", left_out.message
     assert [cause.name for cause in left_out.check.causes] == ["film.light.x"]
     assert left_out.check.causes[0].amount == pytest.approx(-0.1, rel=0.1) and "free film.light.x" in left_out.advice

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import assignment_scene, scaled_scene
 
-from raytrace_jax import RenderSettings, fit, get_parameter, parse_scene, render, set_parameters
+from raytrace_jax import FitOptions, RenderSettings, fit, parse_scene, render, set_parameters
 
 pytestmark = [pytest.mark.slow, pytest.mark.optimized]
 
@@ -34,13 +34,13 @@ def solve(target, truth, **options):
     """A fit on point-sampled pictures from nearby, one program for most of these tests."""
     start = set_parameters(truth, {"cyan.ior": 1.403, "yellow.diffuse": (0.32, 0.58, 0.79)})
     options = {"ties": TIES, "edges": "point", "target_sampling": "point", "search": False, **options}
-    return fit(start, target, FREE, SETTINGS, **options)
+    return fit(start, target, FREE, SETTINGS, options=FitOptions(**options))
 
 
 def test_a_tied_parameter_follows_its_leader(clean, truth):
     result = solve(noisy(clean), truth)
     assert result.status == "converged", result.message
-    np.testing.assert_array_equal(get_parameter(result.scene, "red.diffuse"), result.value[1:])
+    np.testing.assert_array_equal(result.scene["red.diffuse"], result.value[1:])
     assert np.all(np.abs(result.value - ANSWER) < 4 * result.standard_error)
     assert result.uncertainty.sigma == pytest.approx(SIGMA, rel=0.1) and not result.uncertainty.sigma_given
     assert np.isnan(result.uncertainty.reduced_chi_square)
@@ -77,13 +77,13 @@ def test_two_alike_places_are_ambiguous():
     slit[:, 24] = 1
     start = set_parameters(scene, {"ball.center.x": 4.3})
     noise = np.random.default_rng(2).normal(0, 0.01, target.shape)
-    result = fit(start, target + noise, ["ball.center.x"], weights=slit, target_sampling="box")
+    result = fit(start, target + noise, ["ball.center.x"], weights=slit, options=FitOptions(target_sampling="box"))
     assert result.status == "ambiguous", (result.message, result.value, result.history.runner_ups)
     found = sorted([float(result.value[0]), *(float(minimum.value[0]) for minimum in result.history.runner_ups)])
     np.testing.assert_allclose(found, [3.4, 4.6], atol=0.03)
     assert "runner-ups" in result.advice
     # The whole picture decides.
-    result = fit(start, target + noise, ["ball.center.x"], target_sampling="box")
+    result = fit(start, target + noise, ["ball.center.x"], options=FitOptions(target_sampling="box"))
     assert result.status == "converged", result.message
     assert result.value[0] == pytest.approx(4.6, abs=0.01)
 
@@ -93,7 +93,7 @@ def test_two_alike_places_are_ambiguous():
 def test_the_fit_of_a_scaled_scene_is_scaled(factor):
     """The unit of length says nothing: the solver takes the same steps to the same index and the scaled center."""
     free, answer = ["vitreous.ior", "vitreous.center"], np.array([1.339, 4.302, 2.299, -1.003])
-    scene, options = assignment_scene(), {"search": False, "edges": "point", "target_sampling": "point"}
+    scene, options = assignment_scene(), FitOptions(search=False, edges="point", target_sampling="point")
     truth = set_parameters(scene, {"vitreous.ior": answer[0], "vitreous.center": answer[1:]})
     found = []
     # Walls meet the image plane in the first and last columns, which rounding decides.
@@ -103,7 +103,7 @@ def test_the_fit_of_a_scaled_scene_is_scaled(factor):
         # The course's longest path is a length of the model and not of the scene.
         settings = RenderSettings(size=(40, 30), max_bounces=2, path_limit=100 * size)
         target = np.asarray(render(scaled_scene(truth, size), settings).image)
-        result = fit(scaled_scene(scene, size), target, free, settings, weights=weights, **options)
+        result = fit(scaled_scene(scene, size), target, free, settings, options=options, weights=weights)
         assert result.status == "converged", result.message
         np.testing.assert_allclose(result.value / [1, size, size, size], answer, atol=1e-7)
         found.append([step.cost for step in result.history.steps][:4])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from physical_scenes import Camera, Checker, Material, Rectangle, Scene, Sphere, scene_text
 
-from raytrace_jax import RenderSettings, fit, get_parameter, load_scene, parse_scene, read_picture, set_parameters
+from raytrace_jax import FitOptions, RenderSettings, fit, load_scene, parse_scene, read_picture, set_parameters
 
 PICTURES = Path(__file__).parents[1] / "physical_pictures"
 SIZE = (80, 60)
@@ -22,8 +22,10 @@ def errors_of(target, *balls, free, start, **hidden):
     described = Scene(eye, [BOARD, *balls], radiance=(0.05, 0.06, 0.08), max_bounces=12, least_weight=1e-6)
     truth = parse_scene(scene_text(described))
     scene = set_parameters(truth, {**start, **hidden})
-    result = fit(scene, read_picture(PICTURES / target), free, RenderSettings(size=SIZE), search=False)
-    off = result.value - np.array([float(get_parameter(truth, name)) for name in result.names])
+    result = fit(
+        scene, read_picture(PICTURES / target), free, RenderSettings(size=SIZE), options=FitOptions(search=False)
+    )
+    off = result.value - np.array([float(truth[name]) for name in result.names])
     return result, np.abs(off), np.abs(off) / result.total_error
 
 
@@ -50,7 +52,7 @@ def test_a_level_board_leaves_fov_open():
     """They change sides of a row of samples all at once: steps with the derivative end nine errors off."""
     scene = load_scene(PICTURES / "numpy_ball.txt", dtype=np.float64)
     target = read_picture(PICTURES / "numpy_ball.png", transfer="srgb")
-    result = fit(scene, target, ["ball.ior", "ball.center", "eye.fov"], search=False)
+    result = fit(scene, target, ["ball.ior", "ball.center", "eye.fov"], options=FitOptions(search=False))
     assert result.status == "converged", result.message
     truth = [1.47, 0.15, -0.1, 0.2, 32]
     assert np.all(np.abs(result.value - truth) < 3 * result.total_error)

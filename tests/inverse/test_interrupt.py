@@ -10,7 +10,7 @@ import pytest
 from linear_fit import PROGRAMS, linear_names, linear_problem
 from scipy import ndimage
 
-from raytrace_jax import fit, write_report
+from raytrace_jax import FitOptions, fit
 from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.report.fit_report.folder import TEXTS
 
@@ -54,11 +54,9 @@ def stopped_fit(calls, phase=lambda words: False, step=lambda step: False, **opt
         problem.observation.target,
         linear_names(2),
         problem.base,
-        edges="point",
-        target_sampling="point",
+        options=FitOptions(edges="point", target_sampling="point", **options),
         on_phase=lambda words: stop(phase, words),
         on_step=lambda done: stop(step, done),
-        **options,
     )
     return result, seen
 
@@ -169,7 +167,7 @@ def test_unknown_numbers_are_null_in_json(calls, tmp_path):
     result, _ = stopped_fit(calls, phase=lambda words: words.startswith("solving from"), sigma=0.02)
     for name in ("fit.exr", "residual.exr"):
         (tmp_path / name).write_bytes(b"of an earlier fit")
-    write_report(result, tmp_path)
+    result.save(tmp_path)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"fit.txt", "report.png", "report.html", "result.json", "result.npz", *TEXTS}
     numbers = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))

@@ -8,7 +8,7 @@ from scenes import DATA, assignment_scene
 
 from raytrace_jax import (
     FitOptions,
-    PictureWarning,
+    RaytraceWarning,
     RenderSettings,
     build,
     load_scene,
@@ -53,11 +53,11 @@ def test_the_maker_is_read_off_the_file(suffix, tmp_path):
 
 def test_mitsuba_makes_radii_uncertain():
     scene, free = two_balls(), ["ball.center.x", "glass.ior"]
-    with pytest.warns(PictureWarning, match=r"uncertain are ball.radius=0\.00036, other.radius=0\.0004;"):
+    with pytest.warns(RaytraceWarning, match=r"uncertain are ball.radius=0\.00036, other.radius=0\.0004;"):
         options = with_known_offsets(FitOptions(), scene, free, MITSUBA)
     # A share of 1500 roundings of one more than the largest coordinate: 1 + 2 + 1, and 1 + 3 + 0.5.
     assert options.uncertain == {"ball.radius": 3.6e-4, "other.radius": 4e-4}
-    with pytest.warns(PictureWarning, match="other.radius"):
+    with pytest.warns(RaytraceWarning, match="other.radius"):
         options = with_known_offsets(FitOptions(uncertain={"ball": "1%"}), scene, free, MITSUBA)
     assert options.uncertain == {"ball": "1%", "other.radius": 4e-4}
     said = FitOptions(uncertain={"spheres": "1%"})

@@ -9,7 +9,7 @@ import pytest
 from linear_fit import linear_names, linear_problem
 from linear_pictures import POINT, state_at
 
-from raytrace_jax import PictureError, PictureWarning
+from raytrace_jax import PictureError, RaytraceWarning
 from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
 from raytrace_jax.inverse.judge.structure import explains
 from raytrace_jax.inverse.options import FitOptions
@@ -87,7 +87,7 @@ def test_gauss_newton_stops_at_broken_places(monkeypatch):
     recorder = Recorder(problem)
     # The truth is within the reach of one step in natural scales only if these are large: take the step.
     problem.__dict__["scale"] = np.full(2, 100.0)
-    with pytest.warns(RuntimeWarning, match="not finite"):
+    with pytest.warns(RaytraceWarning, match="not finite"):
         ended = minimise(GaussNewton(), solution, lambda y: state_at(problem, y), recorder.step)
     assert not ended.settled and ended.linearization.is_finite
     np.testing.assert_array_equal(ended.y, problem.start())
@@ -103,7 +103,7 @@ def minima_of(problem, monkeypatch, starts):
 def test_a_broken_start_is_left_out(monkeypatch):
     problem = problem_from([0.0, 0.0])
     break_where(monkeypatch, lambda y: y[0] > 1)
-    with pytest.warns(PictureWarning, match=r"start 1 \(a\.center\.x 3, b\.center\.x 0\) is left out"):
+    with pytest.warns(RaytraceWarning, match=r"start 1 \(a\.center\.x 3, b\.center\.x 0\) is left out"):
         minima = minima_of(problem, monkeypatch, [[3.0, 0.0], [0.0, 0.0]])
     assert [minimum.summary.candidate for minimum in minima] == [1]
     np.testing.assert_allclose(minima[0].summary.value, TRUTH, atol=1e-3)
@@ -113,7 +113,7 @@ def test_a_broken_start_is_left_out(monkeypatch):
 def test_a_fit_says_if_every_start_is_broken(monkeypatch):
     problem = problem_from([0.0, 0.0])
     break_where(monkeypatch, lambda y: True)
-    with pytest.warns(PictureWarning, match="left out"), pytest.raises(PictureError, match="nowhere to begin"):
+    with pytest.warns(RaytraceWarning, match="left out"), pytest.raises(PictureError, match="nowhere to begin"):
         minima_of(problem, monkeypatch, [[3.0, 0.0], [0.0, 0.0]])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scenes import assignment_scene, resolved
 
-from raytrace_jax import FitOptions, ParameterError, PictureError, get_parameter, load_scene, set_parameters
+from raytrace_jax import FitOptions, ParameterError, PictureError, load_scene, set_parameters
 from raytrace_jax.inverse.build_problem import asked_for
 from raytrace_jax.inverse.problem.fixed import root_covariance, stated_uncertainties
 from raytrace_jax.inverse.problem.observation import observe
@@ -183,7 +183,7 @@ def test_the_scene_has_values_and_ties():
         "upperright.radius": 0.7,
         "central.radius": 1.3,
     }.items():
-        np.testing.assert_array_equal(get_parameter(scene, name), expected)
+        np.testing.assert_array_equal(scene[name], expected)
 
 
 @pytest.mark.parametrize(
@@ -211,9 +211,9 @@ def test_exposure_begins_at_no_change():
     assert unknowns.names == ("vitreous.ior", "film.gain.r", "film.offset.r")
     np.testing.assert_allclose(unknowns.initial(scene), [1.337, 1, 0])
     moved = unknowns.scene(scene, np.array([1.5, 2.0, 0.1]))
-    assert float(get_parameter(moved, "vitreous.ior")) == 1.5
-    np.testing.assert_allclose(get_parameter(moved, "film.gain"), 2)
-    np.testing.assert_allclose(get_parameter(moved, "film.offset"), 0.1)
+    assert float(moved["vitreous.ior"]) == 1.5
+    np.testing.assert_allclose(moved["film.gain"], 2)
+    np.testing.assert_allclose(moved["film.offset"], 0.1)
     assert float(unknowns.values(jnp.asarray([0.0, -30.0, -5.0]))[1]) > 0  # A gain is positive.
     assert unknowns.traced_unknowns.names == ("vitreous.ior",) and unknowns.traced_unknowns.ties == ()
 

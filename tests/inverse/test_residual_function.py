@@ -14,15 +14,7 @@ import pytest
 import user_loops
 from scenes import assignment_scene
 
-from raytrace_jax import (
-    ParameterError,
-    RenderSettings,
-    SettingsError,
-    get_parameter,
-    make_residual,
-    render,
-    set_parameters,
-)
+from raytrace_jax import ParameterError, RenderSettings, SettingsError, make_residual, render, set_parameters
 from raytrace_jax.tracer.run import Capacity
 
 ROOT = Path(__file__).parents[2]
@@ -50,7 +42,7 @@ def problem(scene, target):
 @pytest.mark.slow
 def test_it_starts_as_picture_minus_target(problem, scene, target):
     found, overflow = problem.residual(problem.start)
-    tied = set_parameters(scene, {"red.diffuse": [float(x) for x in get_parameter(scene, "yellow.diffuse")]})
+    tied = set_parameters(scene, {"red.diffuse": [float(x) for x in scene["yellow.diffuse"]]})
     np.testing.assert_allclose(found, render(tied, SETTINGS).image - target, atol=1e-12)
     assert int(overflow) == 0
 

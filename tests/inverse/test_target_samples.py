@@ -6,7 +6,7 @@ from linear_pictures import state_at
 from posing import posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax import RenderSettings, fit
+from raytrace_jax import FitOptions, RenderSettings, fit
 from raytrace_jax.inverse.judge.structure import block_scatter
 from raytrace_jax.inverse.observe.sampling import (
     LATTICES,
@@ -143,7 +143,7 @@ def test_random_samples_are_no_wrong_model(problem):
     """Means of 16 random samples, other ones in each pixel, with noise that was stated: only edges show the samples."""
     target = jittered(problem, 16) + np.random.default_rng(1).normal(scale=0.004, size=(3, 36, 48))
     settings = RenderSettings(size=(48, 36), max_bounces=2)
-    result = fit(assignment_scene(), target, ["vitreous.ior"], settings, sigma=0.004, search=False)
+    result = fit(assignment_scene(), target, ["vitreous.ior"], settings, options=FitOptions(sigma=0.004, search=False))
     estimate, chi_square = result["vitreous.ior"], result.uncertainty.reduced_chi_square
     assert result.status == "converged" and result.target_samples is None and chi_square > 1.1
     assert abs(estimate.value - 1.337) < 3 * estimate.error

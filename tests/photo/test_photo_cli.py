@@ -291,7 +291,7 @@ def test_a_mirrored_picture_is_mirrored_back(folder, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(("orientation", "center"), [(1, (0.02, -0.01)), (3, (-0.02, 0.01)), (6, (0.01, 0.02))])
-@pytest.mark.filterwarnings("ignore::raytrace_jax.PictureWarning")
+@pytest.mark.filterwarnings("ignore::raytrace_jax.RaytraceWarning")
 def test_a_lens_is_turned_by_exif(orientation, center, folder, monkeypatch):
     exif = Image.Exif()
     exif[0x0112] = orientation

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from raytrace_jax import PictureWarning, RaytraceError
+from raytrace_jax import RaytraceError, RaytraceWarning
 from raytrace_jax.images.exif import TURNS
 from raytrace_jax.photo import geometry
 from raytrace_jax.photo.geometry import AT, COUNT, LOST, Setup, principal_point, project, rotation_matrix
@@ -290,7 +290,7 @@ def test_a_lens_comes_back_from_its_file(tmp_path):
 def test_a_lens_of_turned_pictures_is_turned(tmp_path):
     """To which side is not known: both that are as likely lie within the error."""
     write_lens(path := tmp_path / "camera.txt", LENS, (4000, 3000), "By a test.")
-    with pytest.warns(PictureWarning, match=r"of 4000 x 3000 pixels, and this one has 600 x 800: it is turned by a"):
+    with pytest.warns(RaytraceWarning, match=r"of 4000 x 3000 pixels, and this one has 600 x 800: it is turned by a"):
         found = read_lens(path, (600, 800))
     sides = [Turn((4000, 3000), after=orientation).of(LENS) for orientation in (6, 8)]
     np.testing.assert_allclose(found.mean, np.mean([one.mean for one in sides], axis=0), atol=1e-12)

@@ -10,17 +10,7 @@ import pytest
 from photographed_boards import BLUR, CAMERA, HEIGHT, INDEX, RADIUS, SIZE, WIDTH, charuco
 from scipy import ndimage
 
-from raytrace_jax import (
-    FitOptions,
-    FitResult,
-    PictureError,
-    RenderSettings,
-    build,
-    get_parameter,
-    read_exr,
-    render,
-    write_png,
-)
+from raytrace_jax import FitOptions, FitResult, PictureError, RenderSettings, build, read_exr, render, write_png
 from raytrace_jax.cli import main
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.bundle import CORNER_FLOOR
@@ -77,9 +67,9 @@ def test_the_scene_looks_like_the_photograph(image, located):
     assert flat.counts.shape == flat.image.shape[1:] == (flat.grid.window[3], flat.grid.window[2])
     assert flat.through.sum() > 2000 and not np.any(flat.through & ~flat.counts)
     for name in FREE:
-        get_parameter(room.scene, name)
+        room.scene[name]
     assert set(room.uncertain) == set(UNCERTAIN) - {"ball.radius"}, "it is known exactly"
-    assert all(np.isfinite(get_parameter(room.scene, name)) for name in room.uncertain)
+    assert all(np.isfinite(room.scene[name]) for name in room.uncertain)
     assert all(spread > 0 for spread in room.uncertain.values())
     assert all(set(pair) <= set(room.uncertain) and abs(r) < 1 + 1e-9 for pair, r in room.correlations.items())
     # The ink is 0.05 of 0.95, but the glass has lost some light by reflection at both of its sides, 8 %.

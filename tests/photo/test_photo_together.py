@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from raytrace_jax import PictureError, write_png
 from raytrace_jax.cli import main
-from raytrace_jax.errors import PictureWarning
+from raytrace_jax.errors import RaytraceWarning
 from raytrace_jax.images.exif import TURNS
 from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
 from raytrace_jax.photo.find_camera import FoundCamera, calibrate
@@ -218,7 +218,7 @@ def pictures_of_turned(monkeypatch, taken, lens, zoom=1.0):
 def test_a_turn_without_exif_is_found(taken, side, board, monkeypatch):
     """Nothing but the others' lens tells to which side the first one was turned."""
     pictures = pictures_of_turned(monkeypatch, taken, LENS)
-    with pytest.warns(PictureWarning, match=f"turned: has 480 x 640 .* turned by a quarter {side}: it is taken"):
+    with pytest.warns(RaytraceWarning, match=f"turned: has 480 x 640 .* turned by a quarter {side}: it is taken"):
         alike = turned_alike(pictures, board)
     assert [one.orientation for one in alike] == [taken, 1, 1, 1]
     assert turned_alike(alike, board) == alike

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import raytrace_jax
-from raytrace_jax import RaytraceError, format_scene, read_exr, write_report
+from raytrace_jax import RaytraceError, format_scene, read_exr
 from raytrace_jax.inverse.judge.assumptions import ModelCheck
 from raytrace_jax.inverse.result import ELLIPSE_95
 from raytrace_jax.report.fit_report.curves import draw_profile, ellipse
@@ -41,9 +41,9 @@ def read_summary(folder):
 def test_the_files_hold_the_result(tmp_path):
     result = fake_result()
     folder = tmp_path / "new" / "fit"
-    write_report(result, folder, pdf=True)
+    result.save(folder, pdf=True)
     assert (folder / "report.pdf").read_bytes().startswith(b"%PDF-")
-    write_report(result, folder)
+    result.save(folder)
     assert sorted(path.name for path in folder.iterdir()) == FILES
 
     summary = read_summary(folder)
@@ -83,7 +83,7 @@ def test_the_files_hold_the_result(tmp_path):
 
 def test_json_holds_all_but_the_pictures(tmp_path):
     result = full_result()
-    write_report(result, tmp_path)
+    result.save(tmp_path)
     summary = read_summary(tmp_path)
     for name in ("sigma", "sigma_given", "reduced_chi_square", "condition_number", "weakest"):
         assert summary[name] == getattr(result.uncertainty, name)
@@ -114,10 +114,10 @@ def test_json_holds_all_but_the_pictures(tmp_path):
 
 
 def test_a_failure_leaves_no_old_pictures(tmp_path):
-    write_report(fake_result(), tmp_path)
+    fake_result().save(tmp_path)
     broken = changed(fake_result("ambiguous"), pictures={"estimate": np.full((3, 30, 40), np.nan)})
     with pytest.raises(RaytraceError, match="NaN"):
-        write_report(broken, tmp_path)
+        broken.save(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"result.json", "fit.txt"}
     assert read_summary(tmp_path)["status"] == "ambiguous"
 
@@ -132,7 +132,7 @@ def test_numbers_are_written_first(stage, file, absent, tmp_path, monkeypatch):
 
     monkeypatch.setattr(f"raytrace_jax.report.fit_report.folder.{stage}", fail)
     with pytest.raises(RaytraceError, match=rf"{file}: cannot be written: no more disk"):
-        write_report(fake_result(), tmp_path)
+        fake_result().save(tmp_path)
     written = {path.name for path in tmp_path.iterdir()}
     assert written < set(FILES) and "result.json" in written and len(written) == len(FILES) - absent
 

@@ -15,7 +15,7 @@ from browsers import browser as browser
 from fake_fit import changed, fake_result, full_result
 from PIL import Image
 
-from raytrace_jax import __version__, format_scene, write_report
+from raytrace_jax import __version__, format_scene
 from raytrace_jax.inverse.result import Status
 from raytrace_jax.report.fit_report.figure import COLOURS, draw_report
 from raytrace_jax.report.fit_report.methods import methods_text
@@ -165,7 +165,7 @@ def test_every_status_has_its_colour():
 def test_hostile_names_and_scenes_are_text(tmp_path):
     result = full_result(names=HOSTILE)
     result = changed(result, ending={"message": "</p><b>", "advice": "<i>"}, uncertainty={"weakest": "<u>"})
-    write_report(result, tmp_path)
+    result.save(tmp_path)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert not {"script", "b", "i", "u"} & {tag for tag, _ in page.elements}
     assert len(page.images()) == 4 + 1 + 2 + 5
@@ -179,7 +179,7 @@ def test_hostile_names_and_scenes_are_text(tmp_path):
 @pytest.mark.parametrize(("width", "count"), [(1200, 4), (420, 12)])
 def test_a_browser_shows_the_page(browser, width, count, tmp_path):
     names = tuple(f"a_rather_long_name_of_a_shape_{i}.center.x" for i in range(count))
-    write_report(full_result(names=names), tmp_path / "fit")
+    full_result(names=names).save(tmp_path / "fit")
     address = (tmp_path / "fit" / "report.html").as_uri()
     options = [*HEADLESS, f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},3000"]
 

@@ -145,4 +145,4 @@ def test_the_default_center_is_not_written():
     assert lines[-3:] == ["center 2 1.25", "distortion 0 0.1", "}"]
     assert rj.format_scene(rj.parse_scene(rj.format_scene(changed))) == rj.format_scene(changed)
     with pytest.raises(rj.ParameterError, match="distortion has no component 'x', its components are k1, k2"):
-        rj.get_parameter(scene, "eye.distortion.x")
+        scene["eye.distortion.x"]

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from scenes import assert_same_scene
 
-from raytrace_jax import ModelFileError, ModelFileWarning, Scene, format_scene, load_scene, parse_scene
+from raytrace_jax import ModelFileError, RaytraceWarning, Scene, format_scene, load_scene, parse_scene
 from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.scene.structs import NOT_ALL_ZERO, NOT_NEGATIVE, POSITIVE, UNIT_INTERVAL
 from raytrace_jax.scene.table import BLOCK_TYPES
@@ -189,7 +189,7 @@ def test_any_spacing_reads_the_same(text):
 
 
 def test_worldim_is_read_with_a_warning():
-    with pytest.warns(ModelFileWarning, match=r"^old\.txt:1:27: 'worldim'"):
+    with pytest.warns(RaytraceWarning, match=r"^old\.txt:1:27: 'worldim'"):
         scene = parse_scene(CAMERA.replace("worlddim", "worldim"), source="old.txt")
     assert_same_scene(scene, parse_scene(CAMERA))
     assert "worlddim 8 6" in format_scene(scene)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scenes import assert_same_scene
 
-from raytrace_jax import get_parameter, list_parameters, load_scene, parse_scene, set_parameters
+from raytrace_jax import list_parameters, load_scene, parse_scene, set_parameters
 from raytrace_jax.scene.parameters import shared_with
 
 VITREOUS = load_scene(Path(__file__).parents[2] / "data" / "vitreous.txt", dtype=np.float32)
@@ -38,12 +38,12 @@ SHARED = parse_scene(
     ],
 )
 def test_a_name_changes_only_its_value(name, value):
-    np.testing.assert_array_equal(get_parameter(VITREOUS, name), np.float32(value))
+    np.testing.assert_array_equal(VITREOUS[name], np.float32(value))
 
     new = np.float32(value) * np.float32(0.5)
     changed = set_parameters(VITREOUS, {name: new})
-    assert get_parameter(changed, name).dtype == np.float32
-    np.testing.assert_array_equal(get_parameter(changed, name), new)
+    assert changed[name].dtype == np.float32
+    np.testing.assert_array_equal(changed[name], new)
     differing = sum(
         int(np.sum(np.asarray(one) != np.asarray(other)))
         for one, other in zip(jax.tree.leaves(VITREOUS), jax.tree.leaves(changed), strict=True)
@@ -68,7 +68,7 @@ def test_names_are_listed_as_written():
 def test_the_list_agrees_with_single_access():
     listed = list_parameters(VITREOUS)
     for name, value in listed.items():
-        np.testing.assert_array_equal(value, get_parameter(VITREOUS, name))
+        np.testing.assert_array_equal(value, VITREOUS[name])
     # every number of the scene is listed exactly once
     assert sum(value.size for value in listed.values()) == sum(leaf.size for leaf in jax.tree.leaves(VITREOUS))
     again = set_parameters(VITREOUS, listed)
@@ -82,7 +82,7 @@ def test_sharing_shapes_are_in_file_order():
     assert shared_with(SHARED, "glass.ior") == ()
     assert shared_with(VITREOUS, "vitreous.ior") == ()
     # A block's own attribute comes before that of a shape's material.
-    assert float(get_parameter(SHARED, "ball.ior")) == np.float32(1.2) and shared_with(SHARED, "ball.ior") == ()
+    assert float(SHARED["ball.ior"]) == np.float32(1.2) and shared_with(SHARED, "ball.ior") == ()
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -92,13 +92,13 @@ def test_the_scene_keeps_its_dtype(dtype, value):
         scene = load_scene(Path(__file__).parents[2] / "data" / "vitreous.txt", dtype=dtype)
         changed = set_parameters(scene, {"vitreous.radius": value, "vitreous.center.x": value})
         assert {leaf.dtype for leaf in jax.tree.leaves(changed)} == {np.dtype(dtype)}
-        assert float(get_parameter(changed, "vitreous.radius")) == 2
+        assert float(changed["vitreous.radius"]) == 2
 
 
 def test_values_and_scene_may_be_traced():
     def center_and_ior(scene, x, ior):
         changed = set_parameters(scene, {"vitreous.center": (x, 2 * x, -1.0), "vitreous.ior": ior})
-        return get_parameter(changed, "vitreous.center"), get_parameter(changed, "cyan.ior")
+        return changed["vitreous.center"], changed["cyan.ior"]
 
     center, ior = jax.jit(center_and_ior)(VITREOUS, jnp.float32(3), jnp.float32(1.5))
     assert center.tolist() == [3, 6, -1]

@@ -1,5 +1,6 @@
 """Parameters by name: refused names, values and assignments, and the text `name=value`."""
 
+import operator
 import re
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from raytrace_jax import ParameterError, get_parameter, load_scene, parse_scene, set_parameters
+from raytrace_jax import ParameterError, load_scene, parse_scene, set_parameters
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, shared_with
 
 VITREOUS = load_scene(Path(__file__).parents[2] / "data" / "vitreous.txt", dtype=np.float32)
@@ -37,7 +38,7 @@ def test_two_names_of_a_number_are_refused(one, other):
     with pytest.raises(ParameterError, match=message):
         scalar_names(VITREOUS, ["cyan.alpha", one, other])
     with pytest.raises(ParameterError, match=message):
-        set_parameters(VITREOUS, {name: get_parameter(VITREOUS, name) for name in (one, other)})
+        set_parameters(VITREOUS, {name: VITREOUS[name] for name in (one, other)})
 
 
 @pytest.mark.parametrize(
@@ -57,7 +58,7 @@ def test_two_names_of_a_number_are_refused(one, other):
     ],
 )
 def test_unknown_names_say_what_exists(name, words):
-    for access in (get_parameter, shared_with, lambda scene, name: scalar_names(scene, [name])):
+    for access in (operator.getitem, shared_with, lambda scene, name: scalar_names(scene, [name])):
         with pytest.raises(ParameterError) as caught:
             access(VITREOUS, name)
         for word in words:
@@ -99,14 +100,14 @@ def test_concrete_values_obey_limits_in_jit(values, words):
 
 def test_joint_values_are_set_together():
     turned = set_parameters(BACKDROP, {"backdrop.right": (0, 6, 0), "backdrop.up": (4, 0, 0), "eye.fov": 50})
-    assert get_parameter(turned, "backdrop.up").tolist() == [4, 0, 0]
+    assert turned["backdrop.up"].tolist() == [4, 0, 0]
 
 
 @pytest.mark.parametrize("name", ["backdrop.up.x", "eye.viewpoint"])
 def test_traced_values_are_not_checked(name):
-    value = get_parameter(BACKDROP, name)
+    value = BACKDROP[name]
     changed = jax.jit(lambda x: set_parameters(BACKDROP, {name: x}))(value)
-    np.testing.assert_array_equal(get_parameter(changed, name), value)
+    np.testing.assert_array_equal(changed[name], value)
 
 
 @given(st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 3))
@@ -138,14 +139,14 @@ def test_bad_assignments_say_why(text, word):
 
 def test_a_block_is_told_its_numbers():
     with pytest.raises(ParameterError) as error:
-        get_parameter(VITREOUS, "vitreous")
+        VITREOUS["vitreous"]
     told = str(error.value)
     assert told.startswith("'vitreous' is a whole sphere, and a parameter is one of its numbers: vitreous.center, ")
     assert "Did you mean" not in told
     names = re.findall(r"vitreous\.\w+", told)
     assert len(names) == len(set(names)) > 2 and {"vitreous.radius", "vitreous.ior"} <= set(names)
     assert "vitreous.emission" not in names  # Of another model.
-    assert all(get_parameter(VITREOUS, name).size for name in names)
+    assert all(VITREOUS[name].size for name in names)
     words = "'vitreus' is no parameter .* Did you mean 'vitreous'?"
     with pytest.raises(ParameterError, match=words):
-        get_parameter(VITREOUS, "vitreus")
+        VITREOUS["vitreus"]

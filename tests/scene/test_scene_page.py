@@ -7,7 +7,7 @@ import pytest
 from command_line import run
 from scenes import DATA, assert_same_scene
 
-from raytrace_jax import get_parameter, parse_scene
+from raytrace_jax import parse_scene
 from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import MODEL_RULES
@@ -77,7 +77,7 @@ def test_the_commands_take_the_example(tmp_path, capsys):
     assert run("format", str(path), "-D", "backdrop.center.z=-3", "-D", "eye.fov=50", "-D", "ball.ior=1.4") == 0
     changed = parse_scene(capsys.readouterr().out)
     wanted = {"backdrop.center.z": -3, "eye.fov": 50, "crown.ior": 1.4}
-    assert {name: float(get_parameter(changed, name)) for name in wanted} == pytest.approx(wanted)
+    assert {name: float(changed[name]) for name in wanted} == pytest.approx(wanted)
 
 
 def test_there_is_no_other_table():

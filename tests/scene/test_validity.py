@@ -9,7 +9,15 @@ import pytest
 from fake_fit import VITREOUS
 from scenes import resolved
 
-from raytrace_jax import PictureWarning, SceneError, load_scene, make_renderer, parse_scene, picture_derivatives, render
+from raytrace_jax import (
+    RaytraceWarning,
+    SceneError,
+    load_scene,
+    make_renderer,
+    parse_scene,
+    picture_derivatives,
+    render,
+)
 from raytrace_jax.cli.preparation import read_picture_scene
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.scene.checks import check_values, scene_warnings
@@ -131,7 +139,7 @@ GRAY = np.repeat(COLOURS[:1], 3, axis=0)
     ],
 )
 def test_an_unlikely_target_is_warned_of(target, words):
-    with pytest.warns(PictureWarning, match=words):
+    with pytest.warns(RaytraceWarning, match=words):
         observe(target, None, load_scene(VITREOUS), SMALL)
 
 

@@ -128,7 +128,6 @@ def test_what_is_no_name_of_a_file(name):
     [
         (lambda path: package.write_film(path, PICTURE, SCENE), "a Film is wanted, as render returns it"),
         (lambda path: package.write_derivatives(path, PICTURE, SCENE), "a PictureDerivatives is wanted"),
-        (lambda path: package.write_report(PICTURE, path), "a FitResult is wanted, as fit returns it"),
         (lambda path: package.write_exr(path, [[1, 2], [3]]), r"\(3, height, width\) or channels by their names"),
         (lambda path: package.write_exr(path, {1: PICTURE[0]}), "1 is not a channel name"),
         (lambda path: package.write_png(path, {1: PICTURE[0]}), "the channels R, G and B are wanted, not 1"),

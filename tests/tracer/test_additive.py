@@ -86,12 +86,12 @@ def test_omitted_numbers_have_model_defaults():
     scene, classic = rj.parse_scene(text, model="additive"), rj.parse_scene(text)
     expected = {"diffuse": 0.78, "specular": 0.2, "ambient": 0.05, "ior": 1.45}
     for name, value in expected.items():
-        np.testing.assert_allclose(rj.get_parameter(scene, f"m.{name}"), value)
-        assert np.all(np.asarray(rj.get_parameter(classic, f"m.{name}")) == (name == "ior"))
+        np.testing.assert_allclose(scene[f"m.{name}"], value)
+        assert np.all(np.asarray(classic[f"m.{name}"]) == (name == "ior"))
     own = {"hardness": 1000, "reflectivity": 0, "fresnel": 0, "transmission": 0}
     for read in (scene, classic):
-        assert all(float(rj.get_parameter(read, f"m.{name}")) == value for name, value in own.items())
-        assert float(rj.get_parameter(read, "l.energy")) == 10
+        assert all(float(read[f"m.{name}"]) == value for name, value in own.items())
+        assert float(read["l.energy"]) == 10
     assert "diffuse" not in rj.format_scene(scene, model="additive") and "0.78" in rj.format_scene(scene)
     again = rj.parse_scene(rj.format_scene(scene), model="additive")
     assert rj.format_scene(again) == rj.format_scene(scene)
@@ -142,7 +142,7 @@ def test_point_derivatives_are_differences():
     found = np.asarray(rj.picture_derivatives(scene, SMOOTH, HOW).values)
     step = 1e-5
     for name, derivative in zip(SMOOTH, found, strict=True):
-        at = float(rj.get_parameter(scene, name))
+        at = float(scene[name])
         ends = [rj.render(rj.set_parameters(scene, {name: at + sign * step}), HOW).image for sign in (-0.5, 0.5)]
         difference = np.asarray(ends[1] - ends[0]) / step
         # Refracted edges may cross a sample; nothing else may differ.

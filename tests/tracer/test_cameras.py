@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import camera_rays, resolved
 
-from raytrace_jax import RenderSettings, fit, parse_scene, picture_derivatives, render
+from raytrace_jax import FitOptions, RenderSettings, fit, parse_scene, picture_derivatives, render
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 
 rays_of = jax.jit(camera_rays, static_argnames="settings")
@@ -56,7 +56,9 @@ def test_a_subpixel_shift_moves_the_center(camera):
     right, down, by = 3, -2, 8
     moved = np.roll(fine, (down, right), (1, 2)).reshape(3, 18, by, 24, by).mean((2, 4))
     inside = np.pad(np.ones((16, 22)), 1)
-    found = fit(scene, moved, ["eye.center"], RenderSettings(mapping="center"), weights=inside, search=False)
+    found = fit(
+        scene, moved, ["eye.center"], RenderSettings(mapping="center"), weights=inside, options=FitOptions(search=False)
+    )
     np.testing.assert_allclose(found.value, [11.5 + right / by, 8.5 + down / by], atol=0.02)
 
 

@@ -13,7 +13,7 @@ import raytrace_jax as rj
 from raytrace_jax import RenderSettings, set_parameters
 from raytrace_jax.report.derivatives import check_derivative, draw_gradients
 from raytrace_jax.tracer import derivatives
-from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.tracer.derivatives import PictureDerivatives, correlation, finite_differences, relative_error
 from raytrace_jax.util.compilation import jit
 
 SETTINGS = rj.RenderSettings(size=(24, 18), max_bounces=2, edges="point")
@@ -30,7 +30,7 @@ def test_they_are_those_of_the_picture():
     def image(center):
         return renderer(rj.set_parameters(scene, {"vitreous.center": center})).image
 
-    jacobian = jit(jax.jacfwd(image))(rj.get_parameter(scene, "vitreous.center"))
+    jacobian = jit(jax.jacfwd(image))(scene["vitreous.center"])
     assert found.names == NAMES
     assert found.values.shape == (4, 3, 18, 24)
     # Other programs round differently, and a glass ball's derivatives are steep; in the first and the last column
@@ -45,7 +45,7 @@ def test_steps_stay_within_the_limits(monkeypatch):
 
     def record(scene, settings):
         assert (settings.edges, settings.samples) == ("point", 3)
-        seen.append({name: float(rj.get_parameter(scene, name)) for name in ("cyan.alpha", "vitreous.radius")})
+        seen.append({name: float(scene[name]) for name in ("cyan.alpha", "vitreous.radius")})
         value = seen[-1]["cyan.alpha"] + seen[-1]["vitreous.radius"]  # a picture of which each derivative is 1
         return type("Film", (), {"image": jnp.full((3, 2, 2), value)})
 
@@ -83,7 +83,7 @@ def test_the_sheet_has_a_panel_a_parameter(count, checked, shown, tmp_path):
     values = random.normal(size=(count, 3, 18, 24))
     values[0] = 0  # a parameter on which nothing depends
     names = tuple(f"ball{k}.center.x" for k in range(count))
-    found = rj.PictureDerivatives(random.uniform(size=(3, 18, 24)), names, values, ("world unit",) * count)
+    found = PictureDerivatives(random.uniform(size=(3, 18, 24)), names, values, ("world unit",) * count)
     figure = draw_gradients(found, 1.1 * values if checked else None, "how")
     panels = [ax for ax in figure.axes if ax.get_visible()]
     assert len(panels) == shown
@@ -100,7 +100,7 @@ def test_the_sheet_has_a_panel_a_parameter(count, checked, shown, tmp_path):
 def test_the_sheet_says_what_it_clips():
     values = np.random.default_rng(2).normal(size=(1, 3, 18, 24))
     values[0, :, 7, 5] = 300.0
-    found = rj.PictureDerivatives(np.zeros((3, 18, 24)), ("ball.radius",), values, ("world unit",))
+    found = PictureDerivatives(np.zeros((3, 18, 24)), ("ball.radius",), values, ("world unit",))
     figure = draw_gradients(found, values, "how", ["agree"], origin=(100, 200))
     labels = [bar.get_ylabel() for ax in figure.axes for bar in ax.child_axes]
     words = [

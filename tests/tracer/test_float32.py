@@ -11,7 +11,7 @@ import pytest
 from fake_fit import full_result
 from scenes import DATA
 
-from raytrace_jax import SceneWarning, load_scene
+from raytrace_jax import RaytraceWarning, load_scene
 
 PROGRAM = """
 import importlib.util
@@ -45,7 +45,7 @@ assert film.image.dtype == np.float32
 rj.make_renderer(scene, settings)(rj.set_parameters(scene, {"vitreous.center": np.array([4.3, 2.3, -1.0])}))
 rj.render(rj.set_parameters(scene, {"film.blur": np.float64(1.0), "film.gain.r": 2}), settings)
 derivatives = rj.picture_derivatives(scene, ["cyan.ambient.r"], settings)
-assert rj.get_parameter(scene, "vitreous.ior") == rj.list_parameters(scene)["cyan.ior"]
+assert scene["vitreous.ior"] == rj.list_parameters(scene)["cyan.ior"]
 rj.write_film(folder / "film.exr", film, scene, settings)
 rj.write_derivatives(folder / "derivatives.exr", derivatives, scene, settings)
 rj.write_exr(folder / "a.exr", np.asarray(film.image, np.float64))
@@ -78,5 +78,8 @@ def test_jax_warns_of_nothing(tmp_path):
 
 
 def test_float64_that_is_not_there_is_told():
-    with jax.enable_x64(False), pytest.warns(SceneWarning, match="the scene is in float32: float64 needs jax.config"):
+    with (
+        jax.enable_x64(False),
+        pytest.warns(RaytraceWarning, match="the scene is in float32: float64 needs jax.config"),
+    ):
         assert load_scene("vitreous", dtype=np.float64).camera.viewpoint.dtype == np.float32

@@ -85,7 +85,7 @@ def test_a_contradictory_file_is_refused():
     scene = rj.parse_scene(text)
     with pytest.raises(ValueError, match=r"a meaning only in the (classic|physical) model"):
         resolve_settings(scene)
-    with pytest.warns(rj.SceneWarning, match="loaded as additive and is rendered as classic"):
+    with pytest.warns(rj.RaytraceWarning, match="loaded as additive and is rendered as classic"):
         assert resolve_settings(scene, rj.RenderSettings(model="classic")) == ResolvedSettings(reflectance="none")
     scene = rj.parse_scene(text, model="physical")
     assert resolve_settings(scene, rj.RenderSettings(samples=2)) == ResolvedSettings(
@@ -188,7 +188,7 @@ def test_derivatives_are_differences(as_scene):
     found = np.asarray(rj.picture_derivatives(scene, names, points).values)
     assert np.isfinite(found).all()
     for name, derivative in zip(names, found, strict=True):
-        value, step = float(rj.get_parameter(scene, name)), NUMBERS[name]
+        value, step = float(scene[name]), NUMBERS[name]
         ahead, behind = (
             np.asarray(rj.render(rj.set_parameters(scene, {name: value + side * step})).image) for side in (1, -1)
         )
@@ -205,7 +205,7 @@ def test_derivatives_are_differences(as_scene):
         moved = rj.set_parameters(scene, dict(zip(names, values, strict=True)))
         return jnp.sum(weights * renderer(moved).image)
 
-    values = jnp.asarray([float(rj.get_parameter(scene, name)) for name in names])
+    values = jnp.asarray([float(scene[name]) for name in names])
     backwards = jax.jit(jax.grad(weighted))(values)
     np.testing.assert_allclose(backwards, np.sum(found * weights, axis=(1, 2, 3)), rtol=1e-8, atol=1e-8)
 

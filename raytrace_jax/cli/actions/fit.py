@@ -184,7 +184,9 @@ def run_fit(command: Fit) -> int:
 
         console = stderr_console(quiet=command.quiet)
         with FitProgress(names, console) as show:
-            result = fit(scene, target, free, settings, options, **known, on_step=show.step, on_phase=show.phase)
+            result = fit(
+                scene, target, free, settings, options=options, **known, on_step=show.step, on_phase=show.phase
+            )
         made_of = result.provenance | provenance(command.target) | {AFTER: f"{time.monotonic() - show.stepped_at:.3g}"}
         result = dataclasses.replace(result, provenance=made_of)
 

@@ -182,7 +182,7 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
     settings, weights = RenderSettings(crop=flat.grid.window), flat.counts.astype(float)
     with FitProgress(scalar_names(room.scene, FREE), console) as show:
         told: dict[str, Any] = {"on_step": show.step, "on_phase": show.phase}
-        result = fit(room.scene, flat.image, FREE, settings, options, weights=weights, **told)
+        result = fit(room.scene, flat.image, FREE, settings, options=options, weights=weights, **told)
     text = write_numbers(result, command.output)
     both, came_to_rest = joined(located, room, result), result.status in ("converged", "model_incomplete")
     write_text(command.output / "joined.json", json_text(both._asdict()))

@@ -8,7 +8,7 @@ from collections.abc import Container, Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.errors import ParameterError, PictureWarning
+from raytrace_jax.errors import ParameterError, RaytraceWarning
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import Unknowns
@@ -180,7 +180,7 @@ def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], m
         maker: the program's name, as the target's file has it; empty if it has none.
 
     Warns:
-        PictureWarning: something is taken to be uncertain.
+        RaytraceWarning: something is taken to be uncertain.
     """
     if not maker.startswith("Mitsuba version 3"):
         return options
@@ -197,5 +197,5 @@ def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], m
     if offsets:
         stated = listed(f"{name}={amount:g}" for name, amount in offsets.items())
         words = f"the target is by {maker}, which starts rays a little off surfaces: taken to be uncertain are {stated}"
-        warnings.warn(f"{words}; --uncertain states other amounts.", PictureWarning, stacklevel=2)
+        warnings.warn(f"{words}; --uncertain states other amounts.", RaytraceWarning, stacklevel=2)
     return dataclasses.replace(options, uncertain={**options.uncertain, **offsets})

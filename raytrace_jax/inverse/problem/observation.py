@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.errors import PictureError, RaytraceWarning
 from raytrace_jax.images.filters import bin_pixels
 from raytrace_jax.inverse.problem.unknowns import AnyArray, Image, Mask
 from raytrace_jax.scene.checks import is_gray
@@ -103,7 +103,7 @@ def observe(target: object, weights: object, scene: Scene, settings: ResolvedSet
             negative, or all zero.
 
     Warns:
-        PictureWarning: the target's colours are hardly those of such a scene.
+        RaytraceWarning: the target's colours are hardly those of such a scene.
     """
     # The size, and what is to be fitted: finite, and not all of one colour.
     _, _, width, height = settings.window(scene.camera.pixeldim)
@@ -130,7 +130,7 @@ def observe(target: object, weights: object, scene: Scene, settings: ResolvedSet
         where = "" if counts.all() else ", as far as the mask shows it"
         raise PictureError(f"the target is one constant colour{where}; there is nothing in it to fit")
     for sentence in _oddities(picture, counts, scene):
-        warnings.warn(sentence, PictureWarning, stacklevel=2)
+        warnings.warn(sentence, RaytraceWarning, stacklevel=2)
 
     # All that follows computes in the scene's precision.
     dtype = scene.camera.viewpoint.dtype

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.errors import PictureError, RaytraceWarning
 from raytrace_jax.images.filters import blurred
 from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem.prediction import develop_best
@@ -249,7 +249,7 @@ def find_minima(
         if not end.linearization.is_finite:
             place = ", ".join(f"{name} {value:.6g}" for name, value in zip(problem.unknowns.names, start, strict=True))
             words = f"start {candidate + 1} ({place}) is left out: its picture, or a derivative of it, is not finite."
-            warnings.warn(words, PictureWarning, stacklevel=2)
+            warnings.warn(words, RaytraceWarning, stacklevel=2)
             continue
         # Put its minimum among the others; the best so far is the answer if the fit is stopped.
         is_first = not minima

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
+from raytrace_jax.errors import RaytraceWarning
 from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem.linearize import Linearization
@@ -187,7 +188,7 @@ class GaussNewton:
         problem = seen.problem
         if not seen.linearization.is_finite:
             words = "a picture or a derivative has values that are not finite: the last steps of the fit end before it."
-            warnings.warn(words, RuntimeWarning, stacklevel=2)
+            warnings.warn(words, RaytraceWarning, stacklevel=2)
             return dataclasses.replace(best, settled=False, next_move=0.0), best.y, Pace()
         free = project_gradient(seen)
         promised = promised_decrease(free)

@@ -15,7 +15,6 @@ from raytrace_jax.report.fit_report.methods import methods_text
 from raytrace_jax.report.fit_report.page import render_page
 from raytrace_jax.report.fit_report.summary import csv_table, summarize, tex_table
 from raytrace_jax.scene.writer import save_scene
-from raytrace_jax.util.checked import refuse_other
 from raytrace_jax.util.files import as_path, atomic_write, json_text, read_bytes, write_text
 
 TEXTS = {"estimates.csv": csv_table, "estimates.tex": tex_table, "methods.txt": methods_text}
@@ -23,25 +22,8 @@ REST = (FILE, "fit.exr", "residual.exr", *TEXTS, "report.png", "report.pdf", "re
 """All files but the numbers, which are small and come first."""
 
 
-def write_report(result: FitResult, folder: str | os.PathLike[str], *, long: bool = False, pdf: bool = False) -> None:
-    """Write the report of a fit into a folder.
-
-    The files are `result.json` and `fit.txt`, with the pictures of its textures, and then `result.npz`, which
-    `FitResult.load` reads, `fit.exr`, `residual.exr`, the figure `report.png` and the page `report.html`. For a paper
-    there are also `estimates.csv`, `estimates.tex`, and what was done as `methods.txt`. Each appears only when it is
-    whole, and one of an earlier fit is replaced. `residual.exr` is signed, the fit minus the target; a fit that was
-    stopped before it rendered its picture has neither of the two EXR files. `report.html` needs no other file and no
-    network. `result.json` has null for what is infinite or not a number.
-
-    Args:
-        result: what `fit` returned.
-        folder: where to write; it is made if it is missing.
-        long: whether estimates are written `1.337 +- 0.002` in place of `1.337(2)`.
-        pdf: whether the figure is written as `report.pdf` as well, for a paper; that takes seconds.
-
-    Raises:
-        RaytraceError: the folder or a file in it cannot be written, or a picture holds NaN.
-    """
+def write_report(result: FitResult, folder: str | os.PathLike[str], long: bool = False, pdf: bool = False) -> None:
+    """Write the report of a fit into a folder: what `FitResult.save` says."""
     write_numbers(result, folder)
     write_pictures(result, folder, long, pdf)
 
@@ -51,7 +33,6 @@ def write_numbers(result: FitResult, folder: str | os.PathLike[str], comments: s
 
     `comments` is the text of a scene's file whose comments are kept.
     """
-    refuse_other(result, FitResult, "fit")
     folder = as_path(folder)
     for name in REST:
         with contextlib.suppress(OSError):  # One that cannot be removed cannot be replaced, which is told then.
