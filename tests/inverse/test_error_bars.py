@@ -22,11 +22,12 @@ from raytrace_jax import (
 )
 
 POINT = RenderSettings(max_bounces=0, edges="point")
+NAMES = linear_names(3)
 OTHER = 0.5 * COLUMNS[::-1, :, ::-1]
 """Derivatives of a second camera's picture."""
 
 
-def linear_residual(columns, target, free=linear_names(3), **options):
+def linear_residual(columns, target, free=NAMES, **options):
     return make_residual(linear_problem(columns, target).scene, target, list(free), POINT, **options)
 
 
@@ -50,7 +51,7 @@ def test_one_picture_has_the_errors_of_a_fit():
     for sigma in (None, 2 * SIGMA):
         found = covariance(linear_residual(COLUMNS, target), estimate([COLUMNS], [target]), sigma=sigma)
         sure = judged(white(), sigma=sigma)
-        assert found.names == linear_names(3)
+        assert found.names == NAMES
         np.testing.assert_allclose(found.standard_error, sure.standard_error, rtol=1e-6)
         np.testing.assert_allclose(found.covariance, sure.covariance, rtol=1e-6, atol=1e-12)
         np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), found.standard_error, rtol=1e-12)
@@ -96,8 +97,6 @@ def test_a_decisive_pixel_of_one_picture():
     rows = np.concatenate([ROWS, few.reshape(3, -1).T])
     wanted = SIGMA * np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
     np.testing.assert_allclose(covariance(problems, values).standard_error, wanted, rtol=0.05)
-    # Alone, the picture shows nothing of that number's error.
-    assert covariance(problems[1], estimate([few], targets[1:])).standard_error[2] > 1e3 * wanted[2]
 
 
 def test_what_no_picture_sees_is_not_determined():
@@ -131,7 +130,7 @@ def test_pulls_have_unit_variance():
 def test_what_has_no_covariance_is_refused():
     target = picture(TRUTH) + white()
     one = linear_residual(COLUMNS, target)
-    swapped = linear_residual(COLUMNS, target, free=linear_names(3)[::-1])
+    swapped = linear_residual(COLUMNS, target, free=NAMES[::-1])
     unit = dataclasses.replace(one.unknowns.transforms[0], unit=10.0)
     scaled = dataclasses.replace(
         one, unknowns=dataclasses.replace(one.unknowns, transforms=(unit, *one.unknowns.transforms[1:]))
@@ -156,7 +155,6 @@ def test_what_has_no_covariance_is_refused():
 BALL = """
 camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 }
 light lamp { location 6 5 4 emissivity 1 1 1 }
-texture board { kind checker scale 1 }
 material board { ambient 0.3 0.3 0.3 diffuse 0.6 0.5 0.4 }
 material glass { diffuse 0.2 0.1 0.1 alpha 0.8 ior 1.4 }
 plane board { material board normal 0 0 1 point 0 0 -4 }
@@ -168,7 +166,7 @@ AWARE = RenderSettings(max_bounces=0, edges="aware")
 
 @pytest.fixture(scope="module")
 def ball():
-    return parse_scene(BALL.replace("texture board { kind checker scale 1 }\n", ""))
+    return parse_scene(BALL)
 
 
 def noisy(scene, seed, sigma=0.02):
