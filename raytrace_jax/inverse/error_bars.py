@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
+from jaxtyping import Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
@@ -39,7 +40,10 @@ class ErrorBars(NamedTuple):
 
 
 def covariance(
-    problem: PictureResidual | Sequence[PictureResidual], y: ArrayLike, *, sigma: float | None = None
+    problem: PictureResidual | Sequence[PictureResidual],
+    y: Float[ArrayLike, " parameters"],
+    *,
+    sigma: float | None = None,
 ) -> ErrorBars:
     """The covariance of the parameters' values (not of the unknowns) at the end of a loop of one's own.
 

@@ -85,7 +85,7 @@ class PictureResidual(eqx.Module):
             )
         return found
 
-    def parameters(self, y: Float[Array, " parameters"]) -> dict[str, Float[Array, ""]]:
+    def parameters(self, y: Float[ArrayLike, " parameters"]) -> dict[str, Float[Array, ""]]:
         """The value of each free parameter at unknowns `y`."""
         return dict(zip(self.unknowns.names, self.unknowns.values(self._checked(y)), strict=True))
 

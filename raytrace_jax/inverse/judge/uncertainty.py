@@ -212,7 +212,7 @@ def _quantify(states: Sequence[FitState], sigma: float | None) -> Uncertainty:
 
     # What no estimate can beat, and how well the noise explains what is left.
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
-    least = inverse_root(sum(share.information(used) for share in shares), tolerance**2)
+    least = inverse_root(np.sum([share.information(used) for share in shares], axis=0), tolerance**2)
     # A picture that fits exactly has no noise: infinity must not be multiplied by 0.
     bound = np.where(np.isfinite(least), used * np.where(np.isfinite(least), least, 0), np.inf)
     undetermined |= spread > LARGEST_ERROR
