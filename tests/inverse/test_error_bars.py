@@ -70,7 +70,7 @@ def test_two_pictures_add_their_information():
     np.testing.assert_allclose(stated, 100 * wanted, rtol=0.01, atol=1e-3 * np.max(100 * wanted))
 
 
-def test_a_picture_twice_is_half_the_variance():
+def test_twice_is_half_the_variance():
     target = picture(TRUTH) + white()
     one, values = linear_residual(COLUMNS, target), estimate([COLUMNS], [target])
     alone, twice = covariance(one, values), covariance([one, one], values)
@@ -99,7 +99,7 @@ def test_a_decisive_pixel_of_one_picture():
     np.testing.assert_allclose(covariance(problems, values).standard_error, wanted, rtol=0.05)
 
 
-def test_what_no_picture_sees_is_not_determined():
+def test_what_no_picture_sees_is_open():
     blind = np.where(np.arange(3)[:, None, None, None] == 2, 0.0, COLUMNS)
     target = picture(TRUTH, blind) + white()
     one = linear_residual(blind, target)
@@ -140,7 +140,7 @@ def test_what_has_no_covariance_is_refused():
         ([one, swapped], TRUTH, "problem 2 has c.center.x"),
         ([one, scaled], TRUTH, "unknown of a.center.x is in units of 1 in problem 1, and of 10"),
         (one, TRUTH[:2], r"shape \(2,\)"),
-        (one, "abc", "row of unknowns"),
+        (one, np.array(["a", "b", "c"]), "row of unknowns"),
     ):
         with pytest.raises(ParameterError, match=words):
             covariance(problem, y)
