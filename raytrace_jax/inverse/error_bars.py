@@ -109,7 +109,7 @@ def _refuse_other_unknowns(problems: Sequence[PictureResidual]) -> None:
 def _problem_of(picture: PictureResidual) -> Problem:
     """The problem of a fit whose picture is that of the residual."""
     prior = make_prior({}, picture.unknowns, picture.start.dtype)
-    stages = stages_of(picture.target_samples, picture.storage)
+    stages = stages_of(picture.target_samples)
     return Problem(picture.scene, picture.observation, picture.unknowns, prior, picture.settings, stages)
 
 

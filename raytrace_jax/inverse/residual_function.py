@@ -10,7 +10,6 @@ from jaxtyping import Array, Float, Int
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.observation import Observation
@@ -35,7 +34,7 @@ class PictureResidual(eqx.Module):
 
     Args:
         start: the unknowns at which the parameters have the scene's values, about as large as 1.
-        target_samples, storage: what is known of the target; only `covariance` asks for it.
+        target_samples: samples a side of the target's pixels, if they are known; only `covariance` asks for them.
     """
 
     start: Float[Array, " parameters"]
@@ -45,7 +44,6 @@ class PictureResidual(eqx.Module):
     settings: ResolvedSettings = eqx.field(static=True)
     room: Capacity = eqx.field(static=True)
     target_samples: int | None = eqx.field(static=True, default=None)
-    storage: JpegStorage | None = eqx.field(static=True, default=None)
 
     @property
     def lower(self) -> Float[Array, " parameters"]:
@@ -109,7 +107,6 @@ def make_residual(
     ties: Mapping[str, str] | None = None,
     fit_exposure: bool = False,
     target_samples: int | None = None,
-    storage: JpegStorage | None = None,
     slack: float = MOVING_SLACK,
 ) -> PictureResidual:
     """The residual `residual(y, args)` of a scene's picture, for an optimisation loop of one's own.
@@ -127,7 +124,6 @@ def make_residual(
         target, weights: as of `fit`.
         settings: what to render; unlike in `fit`, its `edges` is used. None takes the settings in the scene's file.
         target_samples: the target's pixels are means of so many samples a side; only `covariance` uses it.
-        storage: how a JPEG has compressed the target (`jpeg_storage`); only `covariance` uses it.
 
     Returns:
         The residual with its `start`, and what leads from unknowns to parameters and to the scene.
@@ -140,7 +136,7 @@ def make_residual(
     settings = resolve_settings(scene, settings)
     ties = {} if ties is None else ties
     options = FitOptions(ties=ties, fit_exposure=fit_exposure, target_samples=target_samples)
-    problem = build_problem(scene, target, free, settings, options, weights, storage).problem
+    problem = build_problem(scene, target, free, settings, options, weights).problem
     scene = problem.scene
     if scene.film is not None:
         scene = dataclasses.replace(scene, film=problem.camera.of_scene.film)
@@ -152,5 +148,4 @@ def make_residual(
         settings=settings,
         room=room_for(scene, settings, slack),
         target_samples=target_samples,
-        storage=storage,
     )
