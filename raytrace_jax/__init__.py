@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from raytrace_jax.images.masks import read_mask as read_mask
     from raytrace_jax.images.pictures import read_picture as read_picture
     from raytrace_jax.images.png import write_png as write_png
+    from raytrace_jax.inverse.error_bars import covariance as covariance
     from raytrace_jax.inverse.estimate import fit as fit
     from raytrace_jax.inverse.options import FitOptions as FitOptions
     from raytrace_jax.inverse.residual_function import PictureResidual as PictureResidual

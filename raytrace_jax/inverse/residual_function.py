@@ -27,8 +27,14 @@ class PictureResidual(eqx.Module):
 
     A pytree, whose methods are pure and can be differentiated, compiled and mapped.
 
+    A parameter is a linear function of its unknown from one bound to the other. Beyond a bound the picture stays that
+    of the bound, and the derivative is 0: a solver that does not know the bounds stays there. A loop keeps within them
+    by `y = jnp.clip(y, picture.lower, picture.upper)` after each step. No function that has the bounds at infinity
+    stands for this, since colours of exactly 0 and 1 and an alpha of 1 are usual: they would be at infinity.
+
     Args:
-        start: the unknowns at which the parameters have the scene's values: unbounded, about as large as 1.
+        start: the unknowns at which the parameters have the scene's values, about as large as 1.
+        target_samples: samples a side of the target's pixels, if they are known; only `covariance` asks for them.
     """
 
     start: Float[Array, " parameters"]
@@ -37,6 +43,17 @@ class PictureResidual(eqx.Module):
     unknowns: Unknowns = eqx.field(static=True)
     settings: ResolvedSettings = eqx.field(static=True)
     room: Capacity = eqx.field(static=True)
+    target_samples: int | None = eqx.field(static=True, default=None)
+
+    @property
+    def lower(self) -> Float[Array, " parameters"]:
+        """The least value of each unknown, minus infinity where there is none."""
+        return jnp.asarray(self.unknowns.reach[0], self.start.dtype)
+
+    @property
+    def upper(self) -> Float[Array, " parameters"]:
+        """The largest value of each unknown, infinity where there is none."""
+        return jnp.asarray(self.unknowns.reach[1], self.start.dtype)
 
     @with_lower_ranks
     def residual(
@@ -66,7 +83,7 @@ class PictureResidual(eqx.Module):
             )
         return found
 
-    def parameters(self, y: Float[Array, " parameters"]) -> dict[str, Float[Array, ""]]:
+    def parameters(self, y: Float[ArrayLike, " parameters"]) -> dict[str, Float[Array, ""]]:
         """The value of each free parameter at unknowns `y`."""
         return dict(zip(self.unknowns.names, self.unknowns.values(self._checked(y)), strict=True))
 
@@ -89,22 +106,24 @@ def make_residual(
     weights: ArrayLike | None = None,
     ties: Mapping[str, str] | None = None,
     fit_exposure: bool = False,
+    target_samples: int | None = None,
     slack: float = MOVING_SLACK,
 ) -> PictureResidual:
     """The residual `residual(y, args)` of a scene's picture, for an optimisation loop of one's own.
 
-    It shares with `fit` only the change of variables: the unknowns keep every parameter within its bounds and are about
-    as large as 1. There is no search, no robust loss and no correction. Pictures are those of points, and their
-    derivatives contain the motion of edges, unless the settings say `edges`: with `"point"` they do not, and with
-    `"aware"` the picture is nearly that of a box-filtered target as well.
+    It shares with `fit` only the change of variables: the unknowns are about as large as 1, and no parameter leaves its
+    bounds; those of the unknowns are `lower` and `upper`. There is no search, no robust loss and no correction.
+    Pictures are those of points, and their derivatives contain the motion of edges, unless the settings say `edges`:
+    with `"point"` they do not, and with `"aware"` the picture is nearly that of a box-filtered target as well.
 
     With optimistix: `optimistix.least_squares(it.residual, solver, it.start, has_aux=True)`. With optax: minimise
-    `0.5 * jnp.sum(it.residual(y)[0] ** 2)`.
+    `0.5 * jnp.sum(it.residual(y)[0] ** 2)`. `covariance(it, y)` has the error bars of where a loop ends.
 
     Args:
         scene: its values are the start, its dtype the precision.
         target, weights: as of `fit`.
         settings: what to render; unlike in `fit`, its `edges` is used. None takes the settings in the scene's file.
+        target_samples: the target's pixels are means of so many samples a side; only `covariance` uses it.
 
     Returns:
         The residual with its `start`, and what leads from unknowns to parameters and to the scene.
@@ -115,7 +134,8 @@ def make_residual(
     """
     # Only the film's effects that do something, or are free, are computed in the loop.
     settings = resolve_settings(scene, settings)
-    options = FitOptions(ties={} if ties is None else ties, fit_exposure=fit_exposure)
+    ties = {} if ties is None else ties
+    options = FitOptions(ties=ties, fit_exposure=fit_exposure, target_samples=target_samples)
     problem = build_problem(scene, target, free, settings, options, weights).problem
     scene = problem.scene
     if scene.film is not None:
@@ -127,4 +147,5 @@ def make_residual(
         unknowns=problem.unknowns,
         settings=settings,
         room=room_for(scene, settings, slack),
+        target_samples=target_samples,
     )

@@ -2,8 +2,11 @@
 
 import contextlib
 import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from raytrace_jax.inverse.problem.problem import FitState
@@ -80,7 +83,7 @@ def noise_level(state: FitState) -> float:
     return float(np.sqrt(float(linearization.squares) / max(freedom, 1)))
 
 
-def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
+def quantify_uncertainty(state: FitState, sigma: float | None, *others: FitState) -> Uncertainty:
     """Covariance, bounds and degeneracies at an unblurred optimum.
 
     At the optimum the scores add up to 0, `g = sum J^T rho'(r) = 0`. Noise moves them by a dg of covariance M, and the
@@ -90,33 +93,90 @@ def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
     missing noise is added: no error is below the bound. H and M are taken in the directions in which the Jacobian's
     triangle R is the identity, since an inverse of `J^T J` would square the condition number.
 
+    Several pictures that share the unknowns have noise of their own: their H and M add up, and R is that of all rows.
+
     The covariance of unknowns that a stage or the solver does not tell apart although the derivative does is added.
     Where sums of squares are beyond the dtype nothing is known, and the errors are NaN.
+
+    Args:
+        others: other pictures at the same unknowns, whose residuals have the same unit; `next_step` is that of `state`.
     """
-    sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
-    if all(np.isfinite(np.asarray(getattr(state.linearization, name))).all() for name in sums):
+    states, sums = (state, *others), ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
+    if all(np.isfinite(np.asarray(getattr(one.linearization, name))).all() for one in states for name in sums):
         with contextlib.suppress(np.linalg.LinAlgError), np.errstate(over="ignore", invalid="ignore"):
-            found = _quantify(state, sigma)
+            found = _quantify(states, sigma)
             if not np.isnan(found.covariance).any():
                 return found
     return Uncertainty.unknown(len(state.problem.unknowns.names), sigma)
 
 
-def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
+class Share(NamedTuple):
+    """What one picture adds to an estimate, by values in natural scales.
+
+    Args:
+        unit: from unknowns to values in natural scales.
+        triangle: that of the Jacobian, with the priors' rows.
+        curvature: `J^T C J` with the priors'.
+        prior: the priors' `1 / deviation`.
+        seen, used: the noise that the residuals show, and the one that counts.
+    """
+
+    state: FitState
+    unit: Values
+    triangle: Float[np.ndarray, "rows parameters"]
+    curvature: Covariance
+    prior: Values
+    seen: float
+    used: float
+
+    @classmethod
+    def of(cls, state: FitState, unit: Values, scale: Values, sigma: float | None) -> "Share":
+        """The share of a picture whose noise is sigma, or as its residuals show it."""
+        seen, linearization = noise_level(state), state.linearization
+        triangle = np.asarray(linearization.jacobian, np.float64) * unit
+        prior = np.asarray(state.problem.prior.precision, np.float64) * scale
+        curvature = by_value(linearization.curvature, unit)
+        return cls(state, unit, triangle, curvature, prior, seen, seen if sigma is None else sigma)
+
+    def meat(self, whiten: Float[np.ndarray, "parameters directions"]) -> Covariance:
+        """The covariance of its scores along directions: the noise of the priors, and what each stage adds."""
+        problem, linearization = self.state.problem, self.state.linearization
+        jacobian = np.asarray(linearization.pixel_jacobian, np.float64)
+        scores = Scores(
+            jacobian=np.tensordot((self.unit[:, None] * whiten).T, jacobian, 1),
+            weight=self.state.under_loss("weight"),
+            score=self.state.under_loss("score"),
+            scatter=whiten.T @ by_value(linearization.pixel_scatter, self.unit) @ whiten,
+            matters=np.asarray(linearization.matters),
+            picture=np.asarray(linearization.image, np.float64) + np.asarray(problem.observation.bias, np.float64),
+            observation=problem.observation,
+            unseen=max(self.used**2 - self.seen**2, 0.0),
+        )
+        noise = self.state.stage.noise
+        meat = whiten.T @ (np.diag((noise * self.prior) ** 2) * noise**2) @ whiten
+        return meat + sum(one.score_covariance(scores) for one in problem.stages if len(meat))
+
+    def confusion(self) -> Covariance:
+        """That of the unknowns which its stages do not tell apart, although the derivative does."""
+        count = len(self.unit)
+        return sum((one.confusion(count) for one in self.state.problem.stages), np.zeros((count, count)))
+
+    def information(self, sigma: float) -> Covariance:
+        """Its information on the values, times the square of sigma."""
+        found = by_value(self.state.linearization.information, self.unit)
+        # A picture without noise counts a million times as much as one with noise, not infinitely.
+        ratio = 1.0 if self.used == sigma else sigma / max(self.used, 1e-3 * sigma)
+        return found * ratio**2 + np.diag((sigma * self.prior) ** 2)
+
+
+def _quantify(states: Sequence[FitState], sigma: float | None) -> Uncertainty:
     """`quantify_uncertainty` of finite sums. Raises LinAlgError where LAPACK finds no eigenvalues."""
-    problem, linearization, stage = state.problem, state.linearization, state.stage
-    names = problem.unknowns.names
-    slope, scale = problem.slopes(state.y), problem.scale
-    unit = scale / np.maximum(np.abs(slope), TINY)  # From unknowns to values in natural scales.
-
-    def by_value(matrix) -> np.ndarray:
-        return np.asarray(matrix, np.float64) * np.outer(unit, unit)
-
-    # The noise, and the problem's triangle R by values in natural scales.
-    seen = noise_level(state)
-    used = seen if sigma is None else sigma
-    prior_row = np.asarray(problem.prior.precision, np.float64) * scale
-    triangle = np.asarray(linearization.jacobian, np.float64) * unit
+    first, problem = states[0], states[0].problem
+    names, scale = problem.unknowns.names, problem.scale
+    unit = scale / np.maximum(np.abs(problem.slopes(first.y)), TINY)
+    shares = [Share.of(state, unit, scale, sigma) for state in states]
+    used = shares[0].used if len(shares) == 1 else float(np.sqrt(np.mean([share.used**2 for share in shares])))
+    triangle = np.concatenate([share.triangle for share in shares])
 
     # What is determined must not depend on units: columns of length one.
     lengths = np.linalg.norm(triangle, axis=0)
@@ -130,43 +190,34 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
 
     # H, in the directions in which R is the identity. Where it curves down there are outliers only, and R's is taken.
-    fixed = np.diag((stage.noise * prior_row) ** 2)
-    bread = whiten.T @ by_value(linearization.curvature) @ whiten
+    bread = whiten.T @ sum(share.curvature for share in shares) @ whiten
     if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:
         bread = np.eye(len(bread))
 
-    # M, in the same directions: the noise of the priors, and what each stage of the observation adds.
-    scores = Scores(
-        jacobian=np.tensordot((unit[:, None] * whiten).T, np.asarray(linearization.pixel_jacobian, np.float64), 1),
-        weight=state.under_loss("weight"),
-        score=state.under_loss("score"),
-        scatter=whiten.T @ by_value(linearization.pixel_scatter) @ whiten,
-        matters=np.asarray(linearization.matters),
-        picture=np.asarray(linearization.image, np.float64) + np.asarray(problem.observation.bias, np.float64),
-        observation=problem.observation,
-        unseen=max(used**2 - seen**2, 0.0),
-    )
-    meat = whiten.T @ (fixed * stage.noise**2) @ whiten
-    meat += sum(one.score_covariance(scores) for one in problem.stages if len(meat))
-
     # The sandwich. A fit without noise is off by a hundred roundings of a natural scale: no error is less.
     half = np.linalg.solve(bread, whiten.T).T
+    meat = sum(share.meat(whiten) for share in shares)
     covariance = half @ meat @ half.T + (1e2 * rounding) ** 2 * np.eye(len(names))
-    # What the solver and the stages do not tell apart, although the derivative does.
-    left = sum((one.confusion(len(names)) for one in problem.stages), np.zeros_like(covariance))
-    if state.next_step is not None:
-        left = left + np.outer(state.next_step, state.next_step)
+    # What the solver and the stages do not tell apart. The estimate is the mean of those by each picture alone, which
+    # count by their curvature: an error of one moves it by as much.
+    left = np.zeros_like(covariance)
+    for share in shares:
+        follows = half @ whiten.T @ share.curvature if len(shares) > 1 else np.eye(len(names))
+        follows = follows * unit[:, None] / unit  # By unknowns.
+        left = left + follows @ share.confusion() @ follows.T
+    if first.next_step is not None:
+        left = left + np.outer(first.next_step, first.next_step)
     resolution = left / np.outer(unit, unit)
     covariance += resolution
 
     # What no estimate can beat, and how well the noise explains what is left.
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
-    least = inverse_root(by_value(linearization.information) + np.diag((used * prior_row) ** 2), tolerance**2)
+    least = inverse_root(np.sum([share.information(used) for share in shares], axis=0), tolerance**2)
     # A picture that fits exactly has no noise: infinity must not be multiplied by 0.
     bound = np.where(np.isfinite(least), used * np.where(np.isfinite(least), least, 0), np.inf)
     undetermined |= spread > LARGEST_ERROR
-    freedom = problem.observation.count - len(names)
-    chi_square = float((state.residual**2).sum()) / max(freedom, 1)
+    freedom = sum(state.problem.observation.count for state in states) - len(names)
+    chi_square = sum(float((state.residual**2).sum()) for state in states) / max(freedom, 1)
     return Uncertainty(
         standard_error=np.where(undetermined & (spread <= LARGEST_ERROR), np.inf, spread * scale),
         covariance=covariance * np.outer(scale, scale),
@@ -179,6 +230,11 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
         weakest=direction_in_words(triangle, scale, names),
         undetermined=tuple(names[k] for k in np.flatnonzero(undetermined)),
     )
+
+
+def by_value(matrix: ArrayLike, unit: Values) -> Covariance:
+    """A sum of products of derivatives by unknowns, by values in natural scales."""
+    return np.asarray(matrix, np.float64) * np.outer(unit, unit)
 
 
 def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np.ndarray, "numbers numbers"]:

@@ -6,7 +6,6 @@ from jaxtyping import Float
 from raytrace_jax.inverse.problem.linearize import outer
 from raytrace_jax.inverse.problem.stages import Matters, ObservationStage, Scores
 from raytrace_jax.inverse.problem.unknowns import Covariance, Image, PixelJacobian
-from raytrace_jax.util.numerics import solve_normal
 
 
 class Noise(ObservationStage):
@@ -41,12 +40,14 @@ def leverage_correction(
     """Leverage correction of the score covariance, `sum (J^T (1 - H)^-1 s)(...)^T - (J^T s)(J^T s)^T` (HC3).
 
     An estimate follows a pixel by its leverage `H = J A^-1 J^T W` and leaves `1 - H` of its error to be seen, `H` a
-    matrix of its channels. So the pull that it would have on an estimate made without it is `J^T (1 - H)^-1` times
-    what is seen (the jackknife: MacKinnon and White 1985; of clusters: Bell and McCaffrey 2002). In a picture of many
-    pixels nothing is hidden, but at the rim of glass one pixel may decide.
+    matrix of its channels. Here A is the identity, as along the directions of `Scores`: that of all pictures which the
+    estimate is made of. So the pull that it would have on an estimate made without it is `J^T (1 - H)^-1` times what is
+    seen (the jackknife: MacKinnon and White 1985; of clusters: Bell and McCaffrey 2002). In a picture of many pixels
+    nothing is hidden, but at the rim of glass one pixel may decide.
     """
     root = np.sqrt(weight)
-    leverage = leverages(jacobian * root)
+    rows = jacobian * root
+    leverage = np.einsum("acp,adp->cdp", rows, rows)
     decides = np.einsum("ccp->p", leverage) > 0.01  # Others lose less than a hundredth of their residual.
     pulling, root, seen = jacobian[:, :, decides], root[:, decides], score[:, decides]
     # A pixel that alone decides a number shows nothing of its error but rounding: what it leaves is at least 1e-6.
@@ -55,16 +56,6 @@ def leverage_correction(
     whole = root * np.einsum("pce,pe,pde,dp->cp", axes, 1 / left, axes, seen / root)
     with_, without = (np.sum(pulling * part, axis=1) for part in (whole, seen))
     return with_ @ with_.T - without @ without.T
-
-
-def leverages(rows: Float[np.ndarray, "parameters channels pixels"]) -> Float[np.ndarray, "channels channels pixels"]:
-    """How a least-squares fit follows the residuals of each pixel: 0 where it does not, 1 where it goes with them.
-
-    Args:
-        rows: the derivatives of the residuals, times the roots of their weights.
-    """
-    flat = rows.reshape(len(rows), -1)
-    return np.einsum("acp,adp->cdp", rows, solve_normal(flat @ flat.T, flat).reshape(rows.shape))
 
 
 def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Matters) -> Covariance:

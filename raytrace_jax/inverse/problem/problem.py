@@ -105,13 +105,17 @@ class Problem:
     # Not an argument, so that a copy with another observation does not keep the old one's.
     _binned: dict[int, Observation] = dataclasses.field(init=False, repr=False, default_factory=dict)
 
-    def in_own_unit(self) -> "Problem":
+    def in_own_unit(self, unit: float | None = None) -> "Problem":
         """The same problem, whose residuals have no unit: about 1 where the picture is black and the target is not.
 
         So no tolerance knows the unit of light or of weights. Powers of two change no digit.
+
+        Args:
+            unit: that of another picture's problem, whose residuals are compared with these.
         """
         root = np.asarray(self.observation.root_weight, np.float64)
-        unit = self.observation.light_unit * nearest_power(np.sqrt(np.mean(root[root > 0] ** 2)))
+        if unit is None:
+            unit = self.observation.light_unit * nearest_power(np.sqrt(np.mean(root[root > 0] ** 2)))
         observation = dataclasses.replace(self.observation, root_weight=self.array(root / unit))
         return dataclasses.replace(self, observation=observation, unit=self.unit * unit)
 

@@ -6,7 +6,6 @@ however deep the rays' trees are. The course's classic model clamps colours at e
 afterwards, from the last chunk to the first, when those of a ray's children are known.
 """
 
-import dataclasses
 import functools
 from typing import TypeVar
 
