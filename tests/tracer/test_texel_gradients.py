@@ -5,7 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from raytrace_jax import RenderSettings, build, compiler_options, make_renderer, make_scene
+from raytrace_jax import (
+    ParameterError,
+    RenderSettings,
+    build,
+    compiler_options,
+    make_renderer,
+    make_scene,
+    set_parameters,
+)
 
 PIXELS = np.random.default_rng(0).uniform(0.2, 0.9, (3, 6, 8))
 SETTINGS = RenderSettings(size=(12, 9), max_bounces=2, edges="point")
@@ -47,3 +55,8 @@ def test_gradients_by_pixels_are_differences(use):
         down[place] -= STEP
         difference = (value(jnp.asarray(up)) - value(jnp.asarray(down))) / (2 * STEP)
         np.testing.assert_allclose(gradient[place], difference, rtol=1e-6, atol=1e-8)
+
+
+def test_a_new_texture_is_a_new_scene():
+    with pytest.raises(ParameterError, match=r"'paint.file' is not a continuous .* build.texture\(..., file=array\)"):
+        set_parameters(with_pixels(PIXELS, "board"), {"paint.file": PIXELS})
