@@ -21,7 +21,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # What `timeout`, SLURM and Docker send before they kill ends a command as Ctrl-C does: nothing is lost.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     if "--version" in arguments:
-        print(f"raytrace-jax {__version__}")
+        from raytrace_jax.util.cache_folder import describe_cache
+
+        print(f"raytrace-jax {__version__}", describe_cache(), sep="\n")
         code = 0
     else:
         # Not at the top: whoever asks for the version need not wait for what reads the other arguments.

@@ -177,6 +177,8 @@ def resolve(scene: Scene, name: str) -> Parameter:
     else:
         if owners[0].type.find(attribute_name):
             how = "change it in the scene's file, or the picture's size by the size option"
+            if attribute_name == "file":
+                how = "make the scene anew with other pixels: build.texture(..., file=array), also within a gradient"
             raise ParameterError(f"{quoted(name)} is not a continuous parameter: {how}.")
         for block, _ in reached:
             if any(kind.find(attribute_name) for kind in BLOCK_TYPES[block.keyword]):

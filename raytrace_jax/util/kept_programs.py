@@ -19,6 +19,7 @@ from typing import Any
 import jax
 from jax.export import Exported, deserialize
 
+from raytrace_jax.util.cache_folder import program_files
 from raytrace_jax.util.files import atomic_write
 
 MOST_BYTES = 1_000_000_000  # For programs, ours and JAX's, up to a megabyte each: of more, the oldest go.
@@ -78,8 +79,7 @@ def save_program(path: Path, exported: Exported, structure: Any) -> None:
 def _make_room(folder: Path) -> None:
     """Remove the files that were not used for longest, beyond `MOST_BYTES`."""
     left = MOST_BYTES
-    files = [*folder.glob("programs/*/*"), *folder.glob("jit_*-cache")]
-    for file in sorted(files, key=lambda file: file.stat().st_mtime, reverse=True):
+    for file in sorted(program_files(folder), key=lambda file: file.stat().st_mtime, reverse=True):
         left -= file.stat().st_size
         if left < 0:
             file.unlink(missing_ok=True)

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import sys
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -11,6 +10,7 @@ from pathlib import Path
 import jax
 
 from raytrace_jax.errors import RaytraceWarning
+from raytrace_jax.util.cache_folder import cache_folder
 from raytrace_jax.util.kept_programs import keep_programs
 
 
@@ -60,13 +60,6 @@ def enable_compile_cache(folder: str | os.PathLike[str] | None = None) -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     keep_programs(folder)
-
-
-def cache_folder() -> Path:
-    """The folder for compiled programs: `raytrace-jax` in the user's cache folder, by the platform's custom."""
-    usual = "~/Library/Caches" if sys.platform == "darwin" else "~/.cache"
-    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or usual
-    return Path(base).expanduser() / "raytrace-jax"
 
 
 CGROUP = Path("/sys/fs/cgroup")

@@ -5,8 +5,10 @@ import sys
 import jax
 import jax.numpy as jnp
 import pytest
+from command_line import run
 
 from raytrace_jax import enable_compile_cache
+from raytrace_jax.util import cache_folder as folders
 from raytrace_jax.util import session
 from raytrace_jax.util.kept_programs import keep_programs
 
@@ -39,7 +41,7 @@ def test_the_cache_folder_is_the_platforms(platform, variable, folder, monkeypat
     monkeypatch.setenv("HOME", str(tmp_path))
     if variable:
         monkeypatch.setenv(variable, str(tmp_path / "elsewhere"))
-    assert session.cache_folder() == tmp_path / folder
+    assert folders.cache_folder() == tmp_path / folder
 
 
 @pytest.mark.usefixtures("unset")
@@ -63,3 +65,23 @@ def test_a_session_sets_and_resets_precision(precision, dtype):
         assert jax.device_count() == devices  # JAX runs already, as the suite has set it up.
     assert jnp.asarray(0.5).dtype == jnp.float64
     assert jax.config.jax_compilation_cache_dir == before
+
+
+def test_the_version_tells_what_is_kept(monkeypatch, tmp_path, capsys):
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = tmp_path / "raytrace-jax"
+
+    def said():
+        assert run("--version") == 0
+        return capsys.readouterr().out.splitlines()[1]
+
+    assert said() == f"compiled programs: {folder} (empty)" and not folder.exists()
+    (folder / "programs" / "of-a-version").mkdir(parents=True)
+    (folder / "programs" / "of-a-version" / "linearize-0").write_bytes(bytes(2_000_000))
+    (folder / "jit_linearize-0-cache").write_bytes(bytes(3_000_000))
+    (folder / "jit_linearize-0-atime").write_bytes(b"when")
+    assert said() == f"compiled programs: {folder} (2 files, 5 MB)"
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "file" / "folder"))
+    assert "it cannot be written, so that every start compiles anew" in said()
