@@ -45,9 +45,7 @@ if TYPE_CHECKING:
     from raytrace_jax.scene.scene import Scene as Scene
     from raytrace_jax.scene.writer import format_scene as format_scene
     from raytrace_jax.tracer.derivatives import picture_derivatives as picture_derivatives
-    from raytrace_jax.tracer.pure import Renderer as Renderer
-    from raytrace_jax.tracer.pure import make_renderer as make_renderer
-    from raytrace_jax.tracer.rendering import Film as Film
+    from raytrace_jax.tracer.film import Film as Film
     from raytrace_jax.tracer.rendering import render as render
     from raytrace_jax.tracer.settings import RenderSettings as RenderSettings
     from raytrace_jax.util.compilation import compiler_options as compiler_options

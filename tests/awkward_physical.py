@@ -8,9 +8,8 @@ import numpy as np
 from physical_scenes import Camera, Checker, Light, Material, Rectangle, Scene, Sphere, direction, scene_text
 
 from raytrace_jax import parse_scene
-from raytrace_jax.tracer.pure import pure_picture
+from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.run import Capacity
 
 SIZE = (24, 18)
 BOUNCES = 5
@@ -98,19 +97,18 @@ def both_modes(edges, size=SIZE, rays=64):
     Of a larger picture fewer pixels lie at edges: it needs room for fewer `rays` a pixel.
     """
     how = ResolvedSettings(size=size, model="physical", mapping="center", max_bounces=BOUNCES, edges=edges)
-    half = size[0] * size[1] // 2
-    return in_both_modes(how, Capacity(1024 * -(-half * rays // 1024), half))
+    return in_both_modes(how, rays)
 
 
-def in_both_modes(how, room):
+def in_both_modes(how, rays):
     """A function of scene and direction: picture, its change, and the change of a weighted sum in both modes."""
-    width, height = how.size
+    (width, height), how = how.size, replace(how, rays_per_pixel=rays, throw=False)
 
     def pictures(scene, along):
         weight = jnp.sin(jnp.arange(3.0 * width * height)).reshape(3, height, width)
 
         def picture(scene):
-            film = pure_picture(scene, how, room)
+            film = render(scene, how)
             return film.image, film.overflow
 
         image, change, overflow = jax.jvp(picture, (scene,), (along,), has_aux=True)

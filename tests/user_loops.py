@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import optax
 import optimistix as optx
 
-from raytrace_jax import RenderSettings, make_renderer, make_residual, parse_scene, render, set_parameters
+from raytrace_jax import RenderSettings, make_residual, parse_scene, render, set_parameters
 
 SETTINGS = RenderSettings(size=(8, 6), max_bounces=0)
 INDEX = 1.4
@@ -32,11 +32,11 @@ def setup():
     """A ball before a board, the residual of its picture with another colour, and a renderer."""
     scene = parse_scene(SCENE)
     target = render(set_parameters(scene, TRUTH), SETTINGS).image
-    return scene, make_residual(scene, target, list(TRUTH), SETTINGS), make_renderer(scene, SETTINGS)
+    return scene, make_residual(scene, target, list(TRUTH), SETTINGS), functools.partial(render, settings=SETTINGS)
 
 
 def loss(y):
-    return 0.5 * jnp.sum(setup()[1].residual(y)[0] ** 2)
+    return 0.5 * jnp.sum(setup()[1].residual(y) ** 2)
 
 
 def steps_by_hand():
@@ -66,7 +66,7 @@ def optimistix_levenberg_marquardt():
     y = setup()[1].start
     for _ in range(2):
         solver = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-6)
-        y = optx.least_squares(setup()[1].residual, solver, y, has_aux=True, max_steps=20).value
+        y = optx.least_squares(setup()[1].residual, solver, y, max_steps=20).value
     return y
 
 
@@ -81,7 +81,7 @@ def scan_over_steps():
 def vmap_over_indices():
     """A batch of pictures, and the same with indices that come from their brightness."""
     scene, _, _ = setup()
-    renderer = make_renderer(scene, RenderSettings(size=(8, 6), max_bounces=1))
+    renderer = functools.partial(render, settings=RenderSettings(size=(8, 6), max_bounces=1))
     brightness = jax.jit(jax.vmap(lambda ior: renderer(set_parameters(scene, {"glass.ior": ior})).image.mean()))
     once = brightness(jnp.array([1.2, INDEX, 1.6]))
     return brightness(INDEX + 0 * once)

@@ -1,5 +1,6 @@
 """The programs that the benchmarks time: picture, Jacobian and gradient of the assignment's scene at its full size."""
 
+import functools
 import os
 import time
 from collections.abc import Callable
@@ -8,7 +9,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 
-from raytrace_jax import RenderSettings, load_scene, make_renderer, picture_derivatives, render, set_parameters
+from raytrace_jax import RenderSettings, load_scene, picture_derivatives, render, set_parameters
 from raytrace_jax.scene.parameters import scalar_names
 
 SCENE = Path(__file__).parents[2] / "data" / "vitreous.txt"
@@ -47,7 +48,7 @@ def build(name: str) -> Program:
     if kind == "jacobian":
         return lambda: jax.block_until_ready(picture_derivatives(scene, FREE, settings).values)
 
-    renderer, names = make_renderer(scene, settings), scalar_names(scene, FREE)
+    renderer, names = functools.partial(render, settings=settings), scalar_names(scene, FREE)
     values = jnp.stack([scene[name] for name in names])
     target = jnp.full((3, 480, 640), 0.5, values.dtype)
 

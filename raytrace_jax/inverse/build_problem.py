@@ -29,7 +29,7 @@ from raytrace_jax.scene.parameters import (
 )
 from raytrace_jax.scene.response import FILM_EFFECTS
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.rendering import refuse_too_large
+from raytrace_jax.tracer.radiance import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.checked import refuse_other
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import equinox as eqx
 import jax.numpy as jnp
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.images.filters import gaussian_blur
@@ -15,9 +15,8 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.pure import MOVING_SLACK, measured_room, picture_at, room_for
+from raytrace_jax.tracer.pure import picture_at
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.run import Capacity
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.numerics import real_numbers, with_lower_ranks
 
@@ -42,7 +41,6 @@ class PictureResidual(eqx.Module):
     observation: Observation
     unknowns: Unknowns = eqx.field(static=True)
     settings: ResolvedSettings = eqx.field(static=True)
-    room: Capacity = eqx.field(static=True)
     target_samples: int | None = eqx.field(static=True, default=None)
 
     @property
@@ -58,16 +56,16 @@ class PictureResidual(eqx.Module):
     @with_lower_ranks
     def residual(
         self, y: Float[Array, " parameters"], args: Float[ArrayLike, ""] | None = None
-    ) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
-        """Picture minus target, weighted; and how many rays found no room, which must be 0 (`with_room` makes more).
+    ) -> Float[Array, "3 height width"]:
+        """Picture minus target, weighted; an error where rays find no room, as `render` raises it.
 
         Args:
             args: standard deviation in pixels of a Gaussian blur, so that a loop can go from coarse to fine; None is 0.
         """
         y = self._checked(y)
-        image, overflow = picture_at(y, self.scene, self.unknowns, self.settings, self.room)
+        image = picture_at(y, self.scene, self.unknowns, self.settings)
         blur = jnp.asarray(0.0 if args is None else args, y.dtype)
-        return gaussian_blur(self.observation.residual(image), blur), overflow
+        return gaussian_blur(self.observation.residual(image), blur)
 
     def _checked(self, y: ArrayLike) -> Float[Array, " parameters"]:
         """The unknowns as an array. Raises ParameterError: there are not as many, or they are no real numbers."""
@@ -91,11 +89,6 @@ class PictureResidual(eqx.Module):
         """The scene at unknowns `y`."""
         return self.unknowns.moved(self.scene, self._checked(y))
 
-    def with_room(self, y: Float[Array, " parameters"], slack: float = MOVING_SLACK) -> "PictureResidual":
-        """Make room for the rays of the scene at `y`, if these are more; the result has to be compiled anew."""
-        needed = measured_room(self.scene_at(y), self.settings, slack)
-        return dataclasses.replace(self, room=needed) if self.room.lacks(needed) else self
-
 
 def make_residual(
     scene: Scene,
@@ -107,7 +100,6 @@ def make_residual(
     ties: Mapping[str, str] | None = None,
     fit_exposure: bool = False,
     target_samples: int | None = None,
-    slack: float = MOVING_SLACK,
 ) -> PictureResidual:
     """The residual `residual(y, args)` of a scene's picture, for an optimisation loop of one's own.
 
@@ -116,8 +108,8 @@ def make_residual(
     Pictures are those of points, and their derivatives contain the motion of edges, unless the settings say `edges`:
     with `"point"` they do not, and with `"aware"` the picture is nearly that of a box-filtered target as well.
 
-    With optimistix: `optimistix.least_squares(it.residual, solver, it.start, has_aux=True)`. With optax: minimise
-    `0.5 * jnp.sum(it.residual(y)[0] ** 2)`. `covariance(it, y)` has the error bars of where a loop ends.
+    With optimistix: `optimistix.least_squares(it.residual, solver, it.start)`. With optax: minimise
+    `0.5 * jnp.sum(it.residual(y) ** 2)`. `covariance(it, y)` has the error bars of where a loop ends.
 
     Args:
         scene: its values are the start, its dtype the precision.
@@ -146,6 +138,5 @@ def make_residual(
         observation=problem.observation,
         unknowns=problem.unknowns,
         settings=settings,
-        room=room_for(scene, settings, slack),
         target_samples=target_samples,
     )

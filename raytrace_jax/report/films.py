@@ -9,7 +9,7 @@ from raytrace_jax.images.exr import write_exr
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.writer import format_scene
 from raytrace_jax.tracer.derivatives import Differences, PictureDerivatives
-from raytrace_jax.tracer.rendering import Film
+from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.checked import refuse_other

@@ -2,16 +2,15 @@
 
 import contextlib
 import dataclasses
-import functools
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from raytrace_jax.errors import ParameterError, SettingsError
+from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.parameters import (
     film_effects,
@@ -22,15 +21,13 @@ from raytrace_jax.scene.parameters import (
     set_parameters,
     with_film,
 )
-from raytrace_jax.scene.response import Frame, develop, without_idle
+from raytrace_jax.scene.response import without_idle
 from raytrace_jax.scene.scene import Scene, without_texels
-from raytrace_jax.tracer.pixels import SceneFunction, picture_pixels, pixel_derivatives
-from raytrace_jax.tracer.rendering import Image, refuse_too_large, render, render_radiance
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.run import Capacity
+from raytrace_jax.tracer.film import Image
+from raytrace_jax.tracer.radiance import Jacobian, develop_derivatives, radiance_derivatives, refuse_too_large
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import is_zero
 from raytrace_jax.util.text import quoted
 
 HALVINGS = 4
@@ -38,9 +35,6 @@ HALVINGS = 4
 
 One-sided, a difference by alpha is off by about half a step in its own units on two scenes; halved it is right to 2e-4
 and better, though noise of edges that cross samples doubles with each halving (experiments/tuning)."""
-
-
-Jacobian = Float[Array, "parameters 3 height width"]
 
 
 class PictureDerivatives(NamedTuple):
@@ -112,68 +106,6 @@ class Named:
 
     def moved(self, scene: Scene, y: Float[Array, " parameters"]) -> Scene:
         return set_parameters(scene, {name: y[k] for k, name in enumerate(self.names)})
-
-
-def radiance_derivatives(
-    y: Array, scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity | None = None
-) -> tuple[Any, Any, Any]:
-    """A picture before the camera's response, its derivatives by `y` in forward mode, and how many rays found no room.
-
-    Without `edges` the picture is that of points, and only the derivative that of areas.
-    """
-    _, _, width, height = settings.window(scene.camera.pixeldim)
-    fixed, of_fixed = not_differentiable((y, scene)) if settings.edges != "point" else (y, scene)
-    pixels = picture_pixels(scene, settings, np if room is None else jnp)
-    found = pixel_derivatives(fixed, of_fixed, pixels, unknowns, settings.of_derivative, room)
-    image, overflow = found.color.reshape(3, height, width), found.overflow
-    if not settings.edges:
-        points = dataclasses.replace(settings.of_points, aov=())
-        radiance = render_radiance(unknowns.moved(scene, y), points, room)
-        image, overflow = radiance.image, overflow + radiance.overflow
-    return image, found.jacobian.reshape(-1, 3, height, width), overflow
-
-
-@jax.custom_jvp
-def not_differentiable(values: Any) -> Any:
-    """The values themselves, with respect to which nothing may be differentiated."""
-    return values
-
-
-def _refuse_derivative(primals, tangents):
-    if is_zero(tangents):
-        return *primals, *tangents
-    raise SettingsError(
-        "edges: a picture whose derivative contains the motion of edges has no second derivative; RenderSettings("
-        "edges='point') has one, without that motion, and Gauss-Newton steps (J^T J) do with first derivatives."
-    )
-
-
-not_differentiable.defjvp(_refuse_derivative, symbolic_zeros=True)
-
-
-@functools.partial(jit, static_argnames=("unknowns", "frame"))
-def develop_derivatives(
-    image: Image,
-    jacobian: Jacobian,
-    y: Float[Array, " parameters"],
-    scene: Scene,
-    unknowns: SceneFunction,
-    frame: Frame,
-) -> tuple[Image, Jacobian]:
-    """A picture of radiance as the camera's response shows it, and its derivatives by all unknowns.
-
-    Args:
-        scene: gives the response, with None for effects that do nothing.
-    """
-
-    def developed(image, y):
-        return develop(image, unknowns.moved(scene, y).film, frame)
-
-    def derivative(change, direction):
-        return jax.jvp(developed, (image, y), (change, direction))
-
-    # Chain rule: derivatives of the radiance pass through the response, and the response's own ones are added.
-    return jax.vmap(derivative, out_axes=(None, 0))(jacobian, jnp.eye(len(y), dtype=y.dtype))
 
 
 def finite_differences(

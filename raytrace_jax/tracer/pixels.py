@@ -15,16 +15,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.scene.scene import Camera, Scene, map_scenes, without_texels
+from raytrace_jax.scene.scene import Scene, map_scenes, without_texels
 from raytrace_jax.scene.slabs import surface_owners
+from raytrace_jax.tracer.batches import Batches, Points, TracePoints, in_batches, map_batches, sample_batch
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.levels.integrator import trace
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.run import Batches, Points, Room, in_batches, map_batches, sample_batch, scene_key
 from raytrace_jax.tracer.settings import AOVS
 from raytrace_jax.tracer.shading.image_texture import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
-from raytrace_jax.tracer.world import World, prepare_world
+from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import materialize
 
@@ -40,7 +40,7 @@ class PixelDerivatives(NamedTuple):
     color: Float[np.ndarray, "3 pixels"]
     jacobian: Float[np.ndarray, "parameters 3 pixels"]
     sees_edge: Bool[np.ndarray, " pixels"]
-    overflow: Any = 0  # How many rays found no room, as `in_batches` tells.
+    overflow: Any = 0  # How many samples of pixels lacked room for their rays.
 
 
 @runtime_checkable
@@ -74,7 +74,7 @@ def mean_of_samples(
     """The means over `samples` x `samples` points in each pixel of what is there, pixels on the last axis.
 
     Args:
-        at: what is at points, and the overflow, as `in_batches` returns them; points are traced if the pixels are.
+        at: what is at points, and the overflow, as `TracePoints` returns them; points are traced if the pixels are.
     """
     if samples == 1:
         found, overflow = at(pixels.points)
@@ -89,7 +89,7 @@ def mean_of_samples(
         nothing = [jnp.zeros(x.shape, x.dtype) for x in jax.eval_shape(at, pixels.points)[0]]
         offsets = jnp.asarray(offsets, pixels.points.dtype)
         sums, overflow = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), nothing, offsets)
-        return [sum_ / len(offsets) for sum_ in sums], jnp.max(overflow)
+        return [sum_ / len(offsets) for sum_ in sums], jnp.sum(overflow)
     sums: list[Any] = []
     # Some samples at a time: in small pictures many, so that each call has enough to do.
     for some in np.array_split(offsets, min(len(offsets), -(-len(offsets) * count // 100_000))):
@@ -112,33 +112,39 @@ def pixel_colors(
     if not len(viewpoint) or not count:
         return np.zeros((len(viewpoint), 3, count), viewpoint.dtype)
     pixels = Pixels(points, np.zeros(2) if step is None else step)
-    return pixel_outputs(scenes, pixels, _of_colors(settings, step))[0]["color"]
+    return pixel_outputs(map_scenes(np.asarray, scenes), pixels, _of_colors(settings, step))[0]["color"]
 
 
 def pixel_outputs(
-    scenes: Scene, pixels: Pixels, settings: ResolvedSettings, room: Room = None
+    scenes: Scene,
+    pixels: Pixels,
+    settings: ResolvedSettings,
+    trace_points: TracePoints = in_batches,
+    reversible: bool = False,
 ) -> tuple[dict[str, Any], Any]:
-    """The `color` of pixels, and the arbitrary output variables of the settings there, by name; and the overflow."""
-    settings, aov = settings.of_rays, settings.aov
-    scenes = map_scenes(np.asarray if room is None else jnp.asarray, dataclasses.replace(scenes, film=None))
-    names = ("color", *aov)
+    """The `color` of pixels, and the arbitrary output variables of the settings there, by name; and the overflow.
+
+    Args:
+        scenes: stacked, as by `map_scenes`.
+    """
+    scenes, names = dataclasses.replace(scenes, film=None), ("color", *settings.aov)
 
     def program(batches: Batches):
-        pictures = batches.picture if room is None else slice(1)
-        own = map_scenes(lambda x: x[pictures], scenes)
-        found, wanted = color_batches(own, batches, settings, aov, reversible=room is not None)
-        return tuple(found[name] for name in names), wanted
+        own = map_scenes(lambda x: x[batches.picture], scenes)
+        found, complete = color_batches(own, batches, settings.of_rays, settings.aov, reversible)
+        return tuple(found[name] for name in names), complete
 
     viewpoint = scenes.camera.viewpoint
-    points, key = pixels.points.astype(viewpoint.dtype), scene_key(scenes, settings)
-    found, overflow = in_batches(len(viewpoint), points, pixels.step, key, settings, program, room)
+    points = pixels.points.astype(viewpoint.dtype)
+    found, overflow = trace_points(len(viewpoint), points, pixels.step, settings, program)
     return dict(zip(names, found, strict=True)), overflow
 
 
 def prepare_colors(scene: Scene, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None) -> None:
+    """Compile what `pixel_colors` will run, and run nothing."""
     settings = _of_colors(settings, step).of_rays
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
-    batches = sample_batch(scene_key(scenes, settings), settings, scenes.camera.viewpoint.dtype)
+    batches = sample_batch(settings, scenes.camera.viewpoint.dtype)
     color_batches.prepare(map_scenes(lambda x: x[batches.picture], scenes), batches, settings)
 
 
@@ -149,47 +155,45 @@ def _of_colors(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) 
 @functools.partial(jit, static_argnames=("settings", "aov", "reversible"))
 def color_batches(
     scenes: Scene, batches: Batches, settings: ResolvedSettings, aov: tuple[str, ...] = (), reversible: bool = False
-) -> tuple[dict[str, Array], Array]:
-    """Colours and output variables by name at batches of points, and how many rays each batch wanted.
+) -> tuple[dict[str, Array], Bool[Array, "devices slots places"]]:
+    """Colours and output variables by name at batches of points, and which points are complete.
 
     Args:
-        scenes: the scene of each slot; if `reversible` the one scene of all.
+        scenes: the scene of each slot.
         reversible: whether reverse mode can go through it.
     """
 
-    def lay_out(pyramids: tuple[Pyramid, ...], scene: Scene) -> tuple[Camera, World]:
-        return scene.camera, prepare_world(scene, settings, pyramids)
-
-    def one_batch(common, scene, points: Float[Array, "2 rays"], count, step):
-        camera, world = common if reversible else materialize(lay_out(common, scene), count > 0)
-        found = trace(world, camera, points, step, count, settings, with_hits=bool(aov), reversible=reversible)
+    def one_batch(pyramids: tuple[Pyramid, ...], scene: Scene, points: Float[Array, "2 places"], count, step):
+        world = materialize(prepare_world(scene, settings, pyramids), count > 0)
+        found = trace(world, scene.camera, points, step, count, settings, with_hits=bool(aov), reversible=reversible)
         first: Any = found.first
         variables = {name: jnp.where(first.valid, AOVS[name].value(found), AOVS[name].missing) for name in aov}
         if "shape_index" in aov and scenes.slabs.names:
             owners = jnp.asarray([*surface_owners(scenes).values()], jnp.int32)
             variables["shape_index"] = jnp.where(first.valid, owners[first.shape], AOVS["shape_index"].missing)
-        return {"color": found.color, **variables}, found.wanted
+        return {"color": found.color, **variables}, found.complete
 
     # Textures are filtered once for all batches: a loop would filter them again for each.
-    pyramids, bare = prepare_pyramids(scenes, settings.edges), without_texels(scenes)
-    if reversible:
-        common = lay_out(pyramids, jax.tree.map(lambda x: x[0], bare))
-        return map_batches(one_batch, common, (), batches, reversible)
-    return map_batches(one_batch, pyramids, bare, batches, reversible)
+    return map_batches(one_batch, prepare_pyramids(scenes, settings.edges), without_texels(scenes), batches, reversible)
 
 
 def pixel_derivatives(
-    y: Array, scene: Scene, pixels: Pixels, unknowns: SceneFunction, settings: ResolvedSettings, room: Room = None
+    y: Array,
+    scene: Scene,
+    pixels: Pixels,
+    unknowns: SceneFunction,
+    settings: ResolvedSettings,
+    trace_points: TracePoints = in_batches,
+    reversible: bool = False,
 ) -> PixelDerivatives:
     """Radiance of pixels and its derivatives by `y` in forward mode; the settings say `edges`."""
-    rays, y = settings.of_rays, jnp.asarray(y)
-    key = scene_key(scene, rays)
+    y = jnp.asarray(y)
 
     def program(batches: Batches):
-        return differentiate_batches(y, scene, batches, unknowns, rays, reversible=room is not None)
+        return differentiate_batches(y, scene, batches, unknowns, settings.of_rays, reversible)
 
     def at(points: Points):
-        found, overflow = in_batches(1, points.astype(y.dtype), pixels.step, key, rays, program, room)
+        found, overflow = trace_points(1, points.astype(y.dtype), pixels.step, settings, program)
         color, jacobian, sees_edge = (each[0] for each in found)
         return (color, jacobian, sees_edge.astype(y.dtype)), overflow
 
@@ -200,18 +204,18 @@ def pixel_derivatives(
 def prepare_derivatives(
     y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings
 ) -> None:
+    """Compile what `pixel_derivatives` will run, and run nothing."""
     rays, y = settings.of_rays, jnp.asarray(y)
-    batches = sample_batch(scene_key(scene, rays), rays, y.dtype)
-    differentiate_batches.prepare(y, scene, batches, unknowns, rays)
+    differentiate_batches.prepare(y, scene, sample_batch(rays, y.dtype), unknowns, rays)
 
 
 @functools.partial(jit, static_argnames=("unknowns", "settings", "reversible"))
 def differentiate_batches(
     y: Array, scene: Scene, batches: Batches, unknowns: SceneFunction, settings: ResolvedSettings, reversible=False
-) -> tuple[tuple[Array, Array, Array], Array]:
-    """The fields of `PixelDerivatives` of each batch, and how many rays each wanted; `reversible` as above."""
+) -> tuple[tuple[Array, Array, Array], Bool[Array, "devices slots places"]]:
+    """The fields of `PixelDerivatives` of each batch, and which points are complete; `reversible` as above."""
 
-    def one_batch(common: tuple[Array, Scene, tuple[Pyramid, ...]], _, points: Float[Array, "2 rays"], count, step):
+    def one_batch(common: tuple[Array, Scene, tuple[Pyramid, ...]], _, points: Float[Array, "2 places"], count, step):
         y, scene, pyramids = common
 
         def color(y):
@@ -219,15 +223,15 @@ def differentiate_batches(
             world = materialize(prepare_world(moved, settings, pyramids), count > 0)
             found = trace(world, moved.camera, points, step, count, settings, reversible=reversible)
             sees_edge = jnp.zeros(points.shape[1], bool) if found.sees_edge is None else found.sees_edge
-            return found.color, (sees_edge, found.wanted)
+            return found.color, (sees_edge, found.complete)
 
         # Forward mode: the picture is traced once, and all derivatives ride along.
         def derivative(direction):
             return jax.jvp(color, (y,), (direction,), has_aux=True)
 
         directions = jnp.eye(len(y), dtype=y.dtype)
-        image, jacobian, (sees_edge, wanted) = jax.vmap(derivative, out_axes=(None, 0, None))(directions)
-        return (image, jacobian, sees_edge), wanted
+        image, jacobian, (sees_edge, complete) = jax.vmap(derivative, out_axes=(None, 0, None))(directions)
+        return (image, jacobian, sees_edge), complete
 
     common = y, without_texels(scene), prepare_pyramids(scene, settings.edges)
     return map_batches(one_batch, common, (), batches, reversible)

@@ -1,220 +1,128 @@
-"""The picture as a pure function of the scene, for callers' own `jit`, `grad` and `vmap`: `make_renderer` offers it."""
+"""The picture as a part of a caller's program: its derivatives, and an error where rays find no room."""
 
 import dataclasses
 import functools
-import math
+from typing import Any, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from raytrace_jax.errors import SceneError, SettingsError
-from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.response import develop
-from raytrace_jax.scene.scene import Scene, check_scene, map_scenes, without_texels
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.derivatives import develop_derivatives, not_differentiable, radiance_derivatives
-from raytrace_jax.tracer.pixels import SceneFunction, picture_pixels, pixel_outputs
-from raytrace_jax.tracer.rendering import Film, Image, refuse_too_large, render_concrete, render_radiance
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.run import NEEDS, Capacity, capacity_for, scene_key
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.checked import Wanted, suits
+from raytrace_jax.scene.scene import Scene, without_texels
+from raytrace_jax.tracer.batches import in_one_call, ray_budget
+from raytrace_jax.tracer.film import Film, Image
+from raytrace_jax.tracer.geometry.camera import pixel_step
+from raytrace_jax.tracer.pixels import SceneFunction
+from raytrace_jax.tracer.radiance import (
+    Jacobian,
+    develop_derivatives,
+    not_differentiable,
+    radiance_derivatives,
+    render_radiance,
+)
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import instantiated, is_traced, is_zero, with_lower_ranks
+from raytrace_jax.util.numerics import instantiated, is_zero, with_lower_ranks
 
-USUAL_NEEDS = {"point": 10.0, "aware": 24.0}
-"""Rays that a pixel of a batch may always want, by points and by areas: our own scenes want 1 to 9, and 3 to 22."""
-
-
-def room_for(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
-    """Room for a picture and its derivative: what is usual, or `slack` times what such a scene was seen to want."""
-    if not suits(slack, float, Wanted(above=0, below=math.inf)):
-        raise SettingsError(f"slack is {slack!r:.40}; a number greater than 0 is wanted.")
-    settings, scene = settings.of_derivative.of_rays, dataclasses.replace(scene, film=None)
-    # A part of a picture may have been seen, of sky alone: never less than what is usual.
-    need = max(slack * NEEDS.get(scene_key(scene, settings), 0), USUAL_NEEDS[settings.edges or "aware"])
-    return capacity_for(need, settings)
+T = TypeVar("T")
 
 
-def measured_room(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
-    """`room_for` a scene with concrete values that is traced for it."""
-    pixels = picture_pixels(scene, settings)
-    some = pixels._replace(points=pixels.points[:, :: 1 + pixels.points.shape[1] // 4096])
-    scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
-    pixel_outputs(scenes, some, settings.of_derivative.of_rays)
-    return room_for(scene, settings, slack)
-
-
-@with_lower_ranks
-def pure_picture(scene: Scene, settings: ResolvedSettings, room: Capacity) -> Film:
+@functools.partial(jit, static_argnames="settings")
+def pure_picture(scene: Scene, settings: ResolvedSettings) -> Film:
     """The picture; without `edges` it is that of points, and its derivative that of areas."""
-    film, frame = scene.film, settings.frame(scene.camera.pixeldim)
-    scene = dataclasses.replace(scene, film=None)
-    if settings.edges:
-        radiance = render_radiance(differentiable_once(scene) if settings.edges == "aware" else scene, settings, room)
-    else:
-        # AOVs have no area: where there are some, their derivative is that of points.
-        fixed = scene if settings.aov else jax.lax.stop_gradient(scene)
-        points = render_radiance(fixed, settings.of_points, room)
-        image, overflow = moved_by_areas(scene, points.image, points.overflow, settings, room)
-        radiance = Film(image, points.aov, overflow)
-    return dataclasses.replace(radiance, image=develop(radiance.image, film, frame))
+    image, aov, overflow = pure_radiance(dataclasses.replace(scene, film=None), settings)
+    image = develop(image, scene.film, settings.frame(scene.camera.pixeldim))
+    return Film(refuse_overflow(image, overflow, scene, settings), aov, overflow)
 
 
-compiled_picture = jit(pure_picture, static_argnames=("settings", "room"))
+def refuse_overflow(values: T, overflow: Any, scene: Scene, settings: ResolvedSettings) -> T:
+    """The values themselves; an error while the program runs, if rays found no room and the settings refuse that."""
+    if not settings.throw:
+        return values
+    # What is missing is not known, for trees that are not complete may grow: the share of those that are is a hint.
+    budget = ray_budget(settings.of_derivative, pixel_step(scene.camera, settings))
+    _, _, width, height = settings.window(scene.camera.pixeldim)
+    samples, factors = width * height * settings.samples**2, 2.0 ** np.arange(1, 7)
+    said = [
+        f"rays of a picture found no room, {budget:g} for each of its pixels: state RenderSettings(rays_per_pixel="
+        f"{np.ceil(factor * budget):g}) or more, or count such pixels by throw=False and film.overflow."
+        for factor in factors
+    ]
+    complete = jnp.maximum(samples - overflow, samples // 4).astype(jnp.float32)
+    index = jnp.searchsorted(np.float32(factors[:-1]), np.float32(1.2 * samples) / complete)
+    # A factor, so that derivatives have it, too: where nobody uses the picture no error of it would be raised.
+    one = eqx.branched_error_if(jnp.ones((), scene.camera.viewpoint.dtype), overflow > 0, index, said)
+    return jax.tree.map(lambda x: x * one, values)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(3, 4))
-def moved_by_areas(
-    scene: Scene, image: Image, overflow: Int[Array, ""], settings: ResolvedSettings, room: Capacity
-) -> tuple[Image, Int[Array, ""]]:
-    """The radiance at the pixels' points with the derivative of their areas' means, and how many rays found no room.
+@functools.partial(jax.custom_jvp, nondiff_argnums=(1, 2))
+@with_lower_ranks
+def pure_radiance(scene: Scene, settings: ResolvedSettings, reversible: bool = False) -> tuple[Image, Any, Any]:
+    """The fields of a film of radiance: at the pixels' points, or by areas if the settings say so.
 
     A point's colour jumps where an edge crosses it, so that its derivative lacks what edges sweep. The mean over an
     area changes by that too, and edge-aware tracing knows how. Only who differentiates pays for it.
     """
-    return image, overflow
+    film = render_radiance(scene, settings.of_points, in_one_call, reversible)
+    return film.image, film.aov, film.overflow
 
 
-@moved_by_areas.defjvp
+@pure_radiance.defjvp
 @with_lower_ranks
-def _moved_by_areas(settings: ResolvedSettings, room: Capacity, primals, tangents):
-    scene, image, overflow = primals
+def _pure_radiance_jvp(settings: ResolvedSettings, _, primals, tangents):
+    def traced(settings: ResolvedSettings):
+        return functools.partial(pure_radiance.fun, settings=settings, reversible=True)
 
-    def on_areas(scene: Scene):
-        areas = dataclasses.replace(settings.of_derivative, aov=())
-        radiance = render_radiance(differentiable_once(scene), areas, room)
-        return radiance.image, radiance.overflow
-
-    _, moved, more = jax.jvp(on_areas, (scene,), (tangents[0],), has_aux=True)
-    return (image, overflow + more), (moved, np.zeros((), jax.dtypes.float0))
-
-
-@jax.custom_jvp
-def differentiable_once(scene: Scene) -> Scene:
-    """The scene itself, whose derivatives must not be differentiated again: those of areas are estimates.
-
-    The slopes of edges and the spreads of footprints are constants to the first derivative; a second one would lack
-    what they change.
-    """
-    return scene
+    # The slopes of edges and the spreads of footprints are constants to the first derivative of areas; a second one
+    # would lack what they change.
+    fixed = primals if settings.edges == "point" else not_differentiable(primals)
+    if settings.edges:
+        return jax.jvp(traced(settings), fixed, tangents)
+    # AOVs have no area: their derivative is that of points.
+    if settings.aov:
+        points, moved = jax.jvp(traced(settings.of_points), primals, tangents)
+    else:
+        points, moved = pure_radiance(*primals, settings), (None, {}, None)
+    areas, by_areas = jax.jvp(traced(dataclasses.replace(settings.of_derivative, aov=())), fixed, tangents)
+    return (*points[:2], points[2] + areas[2]), (by_areas[0], moved[1], by_areas[2])
 
 
-differentiable_once.defjvp(lambda primals, tangents: (not_differentiable(*primals), *tangents), symbolic_zeros=True)
-
-
-@functools.partial(jax.custom_jvp, nondiff_argnums=(2, 3, 4))
+@functools.partial(jax.custom_jvp, nondiff_argnums=(2, 3))
 def picture_at(
-    y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity
-) -> tuple[Image, Int[Array, ""]]:
-    """The picture of a scene at the numbers `y`, and how many rays found no room.
+    y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings
+) -> Image:
+    """The picture of a scene at the numbers `y`.
 
     Each derivative that a transformation takes by itself would be another copy of the tracer in its program. All
     derivatives by `y` are products with one Jacobian, which rides along with the picture in forward mode.
     """
-    film = compiled_picture(unknowns.moved(scene, y), settings, room)
-    return film.image, film.overflow
+    return pure_picture(unknowns.moved(scene, y), settings).image
 
 
-def _picture_at_jvp(unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity, primals, tangents):
+def _picture_at_jvp(unknowns: SceneFunction, settings: ResolvedSettings, primals, tangents):
     if is_zero(tangents[0]) or not is_zero(tangents[1]):
         # The scene's own numbers change too.
-        plain = functools.partial(picture_at.fun, unknowns=unknowns, settings=settings, room=room)
+        plain = functools.partial(picture_at.fun, unknowns=unknowns, settings=settings)
         return jax.jvp(plain, primals, instantiated(tangents))
-    image, jacobian, overflow = picture_jacobian(*primals, unknowns, settings, room)
-    return (image, overflow), (jnp.tensordot(tangents[0], jacobian, 1), np.zeros((), jax.dtypes.float0))
+    image, jacobian = picture_jacobian(*primals, unknowns, settings)
+    return image, jnp.tensordot(tangents[0], jacobian, 1)
 
 
 picture_at.defjvp(_picture_at_jvp, symbolic_zeros=True)
 
 
-@functools.partial(jit, static_argnames=("unknowns", "settings", "room"))
+@functools.partial(jit, static_argnames=("unknowns", "settings"))
 def picture_jacobian(
-    y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings, room: Capacity
-) -> tuple[Image, Float[Array, "parameters 3 height width"], Int[Array, ""]]:
-    image, jacobian, overflow = radiance_derivatives(y, scene, unknowns, settings, room)
+    y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings
+) -> tuple[Image, Jacobian]:
+    """The picture at `y` and its derivatives; those of points can be differentiated again."""
+    is_point = settings.edges == "point"
+    fixed = (y, scene) if is_point else not_differentiable((y, scene))
+    image, jacobian, overflow = radiance_derivatives(fixed[0], fixed[1], unknowns, settings, in_one_call, is_point)
     if scene.film is not None:
         frame = settings.frame(scene.camera.pixeldim)
         image, jacobian = develop_derivatives(image, jacobian, y, without_texels(scene), unknowns, frame)
-    return image, jacobian, overflow
-
-
-MOVING_SLACK = 1.3
-"""Room for more rays than a scene was seen to want: its parameters move before a program must be compiled anew."""
-
-
-class Renderer:
-    """`renderer(scene)` is the scene's `Film`; see `make_renderer`."""
-
-    def __init__(self, settings: ResolvedSettings, room: Capacity, model: ModelName):
-        self.settings, self.room, self.model = settings, room, model
-
-    def __call__(self, scene: Scene) -> Film:
-        """The film of a scene of the same structure; pure and differentiable.
-
-        With concrete values it never lacks room. Under a transformation of JAX the sizes are those of `room` when the
-        program is traced: where rays find no room they are black, `film.overflow` counts them, and `grow` makes room.
-
-        Raises:
-            SceneError: the scene was loaded with another model than that which the renderer was made with; a number is
-                not finite, or not a value that its attribute can have.
-        """
-        check_scene(scene)
-        if scene.model != self.model:
-            raise SceneError(
-                f"this renderer was made with a scene of the {self.model} model, and this scene is of the "
-                f"{scene.model} one: make a renderer for it, or load it with that model"
-            )
-        if is_traced(scene):
-            return compiled_picture(scene, self.settings, self.room)
-        check_values(scene)
-        return render_concrete(scene, self.settings.of_points)
-
-    def grow(self, scene: Scene) -> bool:
-        """Make room for a scene that overflowed inside of a transformation. Returns whether there was too little.
-
-        Functions that were traced before keep the old sizes: if this returns True, apply `jax.jit` to them anew.
-        """
-        if not self.room.lacks(measured_room(scene, self.settings, 1.0)):
-            return False
-        self.room = room_for(scene, self.settings, MOVING_SLACK)
-        return True
-
-
-def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: float = MOVING_SLACK) -> Renderer:
-    """Make a renderer for all scenes of one structure; it works under `jax.jit`, `jax.grad`, `jax.jvp` and `jax.vmap`.
-
-    The sizes of a program's arrays are chosen here, so that the scene may be traced afterwards::
-
-        renderer = make_renderer(scene, settings)
-        loss = lambda scene: ((renderer(scene).image - target) ** 2).mean()
-        gradient = jax.jit(jax.grad(loss))(scene)
-
-    Where the settings do not say `edges`, pixels are the colours at their points (or the mean of `samples` x `samples`
-    of them), and their derivative is that of their areas: it contains what a pixel gains or loses as an edge moves
-    across it, and is paid for only where it is asked for. `edges="point"` has the derivative of the points, which lacks
-    that; `edges="aware"` has the values of areas as well. Second derivatives (`jax.hessian`) are those of points, with
-    `edges="point"`; those of areas are refused.
-
-    Args:
-        scene: concrete values; scenes given to the renderer have the same structure.
-        settings: what to render; None is what the scene's file says.
-        slack: room for more rays than such a scene was last seen to want, as a factor.
-
-    Returns:
-        The renderer: `renderer(scene)` is the scene's film.
-
-    Raises:
-        ValueError: the scene is traced.
-        SettingsError: a crop outside of the picture.
-        SceneError: a number of the scene is not finite, or not a value that its attribute can have.
-        PictureError: there is no memory for such a picture.
-    """
-    settings = resolve_settings(scene, settings)
-    if is_traced(scene):
-        raise ValueError("make_renderer() needs a scene's values: call it outside of JAX's transformations")
-    check_values(scene)
-    refuse_too_large(scene, settings)
-    return Renderer(settings, room_for(scene, settings, slack), scene.model)
+    return refuse_overflow((image, jacobian), overflow, scene, settings)

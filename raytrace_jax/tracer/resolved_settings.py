@@ -70,7 +70,8 @@ class ResolvedSettings(RenderSettings):
     def of_rays(self) -> "ResolvedSettings":
         """The settings as far as they matter to rays: where pixels are, and how large, the rays know themselves."""
         samples = self.samples if self.edges == "aware" else 1
-        return dataclasses.replace(self, size=None, crop=None, binning=1, mapping="corner", aov=(), samples=samples)
+        where = {"size": None, "crop": None, "binning": 1, "mapping": "corner", "aov": ()}
+        return dataclasses.replace(self, **where, samples=samples, rays_per_pixel=None, throw=True)
 
     @property
     def levels(self) -> int:
@@ -139,6 +140,8 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
     said: dict[str, Any] = {name: getattr(scene.settings, name, None) for name in FILE_SETTINGS}
     if said["model"] != model:
         said = {name: value for name, value in said.items() if name not in MODEL_RULES[model].only}
+    if scene.slabs.names:  # Five surfaces of a tank send each path to and fro.
+        said["rays_per_pixel"] = 64.0
     given = {field.name: getattr(asked, field.name) for field in dataclasses.fields(RenderSettings)}
     said |= {name: value for name, value in given.items() if value is not None} | {"model": model}
     return ResolvedSettings(**{name: value for name, value in said.items() if value is not None})

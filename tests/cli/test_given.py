@@ -13,7 +13,6 @@ from raytrace_jax import FitOptions
 
 CALLS = {
     "render": "rj.render({}, {})",
-    "make_renderer": "rj.make_renderer({}, {})",
     "picture_derivatives": "rj.picture_derivatives({}, FREE, {})",
     "fit": "rj.fit({}, TARGET, FREE, {})",
     "make_residual": "rj.make_residual({}, TARGET, FREE, {})",
@@ -31,7 +30,7 @@ WRONG = {
         ): "SettingsError: RenderSettings are wanted, and this is {'samples': 2}: write RenderSettings(samples=2)."
         for call in CALLS.values()
     },
-    "rj.make_renderer(scene, SMALL)('a.txt')": "load_scene('a.txt')",
+    "rj.render('a.txt', SMALL)": "load_scene('a.txt')",
     "rj.render(scene, 3)": "SettingsError: RenderSettings are wanted, and this is 3: write RenderSettings(...).",
     "rj.list_parameters('a.txt')": "load_scene('a.txt')",
     "rj.set_parameters('a.txt', {})": "load_scene('a.txt')",

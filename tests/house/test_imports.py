@@ -144,7 +144,7 @@ def test_no_module_is_named_as_a_function():
 def test_the_front_shows_what_is_public():
     seen = {name for name in dir(raytrace_jax) if not name.startswith("__")}
     assert seen == {name for name in raytrace_jax.__all__ if name != "__version__"}
-    assert {"Renderer", "PictureResidual"} <= seen and "__version__" in dir(raytrace_jax)
+    assert {"Film", "PictureResidual"} <= seen and "__version__" in dir(raytrace_jax)
 
 
 def test_public_functions_say_their_returns():

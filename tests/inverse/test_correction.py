@@ -16,7 +16,7 @@ from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.solve.refine import settle
 from raytrace_jax.inverse.solve.steps import Recorder
-from raytrace_jax.tracer import run
+from raytrace_jax.tracer import batches
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.pixels import pixel_colors
 
@@ -26,9 +26,8 @@ AWARE = Stage("aware")
 
 @pytest.fixture
 def small_batches(monkeypatch):
-    monkeypatch.setattr(run, "RAYS", {"point": 256, "aware": 256})
-    monkeypatch.setattr(run, "BATCHES", 2)
-    monkeypatch.setattr(run, "NEEDS", {})
+    monkeypatch.setattr(batches, "QUEUE", {"point": 256, "aware": 256})
+    monkeypatch.setattr(batches, "BATCHES", 2)
 
 
 def window_pixels(image, count, seed=0):

@@ -208,7 +208,7 @@ def test_pulls_of_two_cameras(ball):
     @jax.jit
     def look(y, pair):
         def joint(y):
-            return jnp.concatenate([jnp.ravel(one.residual(y)[0]) for one in pair])
+            return jnp.concatenate([jnp.ravel(one.residual(y)) for one in pair])
 
         return joint(y), jax.jacfwd(joint)(y)
 

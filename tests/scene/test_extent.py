@@ -1,6 +1,7 @@
 """How large a scene is: what is counted in lengths follows it, in millimetres as in kilometres."""
 
 import dataclasses
+import functools
 import math
 
 import jax
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import DATA, assignment_scene, scaled_scene
 
-from raytrace_jax import ParameterError, RenderSettings, list_parameters, load_scene, make_renderer, parse_scene
+from raytrace_jax import ParameterError, RenderSettings, list_parameters, load_scene, parse_scene, render
 from raytrace_jax.inverse.problem.unknowns import Transform, make_unknowns, natural_scale
 from raytrace_jax.scene.parameters import resolve, scalar_names
 from raytrace_jax.scene.scene import world_length
@@ -130,7 +131,7 @@ SMALL = RenderSettings(size=(32, 24), mapping="center", max_bounces=2, path_limi
 )
 def test_a_scaled_scene_has_the_same_picture(model, edges):
     scene = load_scene(DATA / {"classic": "vitreous.txt", "additive": "checkpoints.txt"}[model], model=model)
-    renderer = make_renderer(scene, dataclasses.replace(SMALL, model=model, edges=edges))
+    renderer = functools.partial(render, settings=dataclasses.replace(SMALL, model=model, edges=edges))
     expected = renderer(scene).image
     for factor in (1e-3, 1e3):
         image = renderer(scaled_scene(scene, factor, model)).image

@@ -1,6 +1,7 @@
 """What a film makes of a picture: each effect beside NumPy and SciPy, their derivatives, and where nothing is done."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +10,7 @@ import pytest
 from scenes import assignment_scene
 from scipy import ndimage
 
-from raytrace_jax import ParameterError, RenderSettings, make_renderer, picture_derivatives, render, set_parameters
+from raytrace_jax import ParameterError, RenderSettings, picture_derivatives, render, set_parameters
 from raytrace_jax.scene.response import FILM_EFFECTS, LEAST_LIGHT, Frame, develop, neutral_response, without_idle
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
@@ -144,7 +145,7 @@ def test_a_scene_is_rendered_with_its_film():
     film = without_idle(filmed.film)
     frame = resolve_settings(scene, SETTINGS).frame(scene.camera.pixeldim)
     np.testing.assert_allclose(found.image, develop(plain, film, frame), atol=1e-12)
-    light, traced = (jax.jit(make_renderer(each, SETTINGS))(each) for each in (scene, filmed))
+    light, traced = (jax.jit(functools.partial(render, settings=SETTINGS))(each) for each in (scene, filmed))
     off = np.abs(np.asarray(traced.image - develop(light.image, film, frame)))
     assert np.median(off) < 1e-14, "but around pixels on an edge, where rounding decides"
 

@@ -28,7 +28,7 @@ def test_unset_settings_come_from_the_file(board):
     seen = np.asarray(rj.render(board, SMALL).image)
     assert seen.shape == (3, 3, 4)
     np.testing.assert_allclose(seen, np.broadcast_to(np.reshape([0.2, 0.5, 0.8], (3, 1, 1)), seen.shape))
-    np.testing.assert_array_equal(rj.make_renderer(board, SMALL)(board).image, seen)
+    np.testing.assert_array_equal(rj.render(board, SMALL).image, seen)
     np.testing.assert_array_equal(rj.picture_derivatives(board, ["lit.emission.r"], SMALL).image, seen)
 
 

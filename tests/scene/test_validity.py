@@ -1,5 +1,6 @@
 """Scenes that cannot be rendered are refused, those that are hardly meant are warned of; pictures likewise."""
 
+import functools
 from types import SimpleNamespace
 
 import equinox as eqx
@@ -13,7 +14,6 @@ from raytrace_jax import (
     RaytraceWarning,
     SceneError,
     load_scene,
-    make_renderer,
     parse_scene,
     picture_derivatives,
     render,
@@ -37,7 +37,7 @@ def test_a_bad_scene_is_refused_by_render(radius):
     scene = with_radius(load_scene(VITREOUS), radius)
     name = scene.spheres.names[1]
     message = rf"^sphere '{name}': radius must be finite and greater than 0, not too small for float64, got {radius}\.$"
-    for use in (render, make_renderer, lambda scene, settings: picture_derivatives(scene, [f"{name}.ior"], settings)):
+    for use in (render, lambda scene, settings: picture_derivatives(scene, [f"{name}.ior"], settings)):
         with pytest.raises(SceneError, match=message):
             use(scene, SMALL)
 
@@ -65,7 +65,7 @@ def test_every_number_is_looked_at(where, value, words):
 def test_traced_values_and_odd_weights_pass():
     scene = load_scene(VITREOUS)
     check_values(eqx.tree_at(lambda tree: tree.materials.alpha, scene, scene.materials.alpha + 1e-3))
-    renderer = make_renderer(scene, SMALL)
+    renderer = functools.partial(render, settings=SMALL)
 
     def picture(radius):
         return renderer(eqx.tree_at(lambda tree: tree.spheres.radius, scene, radius)).image

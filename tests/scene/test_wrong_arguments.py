@@ -10,8 +10,8 @@ import raytrace_jax as package
 from raytrace_jax import (
     ParameterError,
     RaytraceError,
+    RenderSettings,
     SettingsError,
-    make_renderer,
     make_residual,
     optics,
     parse_scene,
@@ -108,10 +108,10 @@ def test_values_without_names(values):
         set_parameters(SCENE, values)
 
 
-@pytest.mark.parametrize("slack", [-1, 0, np.nan, np.inf, "a", None, PICTURE])
-def test_a_slack_that_makes_no_sense(slack):
-    with pytest.raises(SettingsError, match=r"slack is .*; a number greater than 0 is wanted"):
-        make_renderer(SCENE, slack=slack)
+@pytest.mark.parametrize("rays", [-1, 0, np.nan, np.inf, "a", PICTURE])
+def test_a_ray_budget_that_makes_no_sense(rays):
+    with pytest.raises(SettingsError, match=r"rays_per_pixel is .*; wanted a number, 1 or more"):
+        RenderSettings(rays_per_pixel=rays)
 
 
 @pytest.mark.parametrize("name", [3, None, [], PICTURE])

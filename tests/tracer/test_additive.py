@@ -1,6 +1,7 @@
 """The additive model against a plain recursive restatement of it, and its derivatives, with those of shadow edges."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -113,7 +114,7 @@ def test_the_switch_of_the_mirror_ray():
 def test_derivatives_agree_in_both_modes(edges):
     scene = rj.parse_scene(BALL.replace("reflectivity .3", "fresnel 1 transmission .6"), model="additive")
     how = rj.RenderSettings(size=SIZE, model="additive", max_bounces=1, edges=edges)
-    renderer = rj.make_renderer(scene, how)
+    renderer = functools.partial(rj.render, settings=how)
 
     def loss(scene):
         return jnp.sum(renderer(scene).image ** 2)

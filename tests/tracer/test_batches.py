@@ -11,11 +11,9 @@ from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
 from raytrace_jax.scene.scene import map_scenes
-from raytrace_jax.tracer import run
+from raytrace_jax.tracer import batches
 from raytrace_jax.tracer.levels import level
 from raytrace_jax.tracer.pixels import differentiate_batches, picture_pixels, pixel_colors, prepare_derivatives
-from raytrace_jax.tracer.pure import pure_picture
-from raytrace_jax.tracer.run import Capacity
 
 SETTINGS = resolved(size=(24, 18), crop=(1, 0, 22, 18), max_bounces=2, edges="point")
 """Without the first and the last column, in which rounding decides which wall is seen."""
@@ -28,8 +26,7 @@ def test_little_room_gives_the_same_picture(edges, monkeypatch):
     points, step = picture_pixels(scene, SETTINGS)
     pictures = []
     for rays in (8192, 256):
-        monkeypatch.setattr(run, "NEEDS", {})
-        monkeypatch.setattr(run, "RAYS", {"point": rays, "aware": rays})
+        monkeypatch.setattr(batches, "QUEUE", {"point": rays, "aware": rays})
         stacked = map_scenes(lambda x: np.asarray(x)[None], scene)
         pictures.append(pixel_colors(stacked, points, SETTINGS, None if edges == "point" else step)[0])
     np.testing.assert_allclose(*pictures, atol=1e-12)
@@ -37,8 +34,7 @@ def test_little_room_gives_the_same_picture(edges, monkeypatch):
         np.testing.assert_allclose(pictures[0], np.asarray(render(scene, SETTINGS).image).reshape(3, -1), atol=1e-12)
 
 
-def test_other_renders_change_nothing(monkeypatch):
-    monkeypatch.setattr(run, "NEEDS", {})
+def test_other_renders_change_nothing():
     scenes = [set_parameters(assignment_scene(), {"vitreous.radius": radius}) for radius in (1.0, 2.0)]
     first = [np.asarray(render(scene, SETTINGS).image) for scene in scenes]
     with ThreadPoolExecutor(4) as threads:
@@ -61,7 +57,7 @@ def test_a_level_is_traced_once(edges, name, monkeypatch):
     scene = assignment_scene()  # Kept by the tests: it must not be made while JAX traces.
 
     def image(ior):
-        return pure_picture(set_parameters(scene, {"vitreous.ior": ior}), how, Capacity(1024, 182)).image
+        return render(set_parameters(scene, {"vitreous.ior": ior}), how).image
 
     def derivative(direction):
         return jax.jvp(image, (jnp.asarray(1.4),), (direction,))

@@ -1,6 +1,7 @@
 """Derivatives of pictures by named parameters: their values, their check by finite differences, their sheet."""
 
 import dataclasses
+import functools
 from pathlib import Path
 
 import jax
@@ -25,7 +26,7 @@ NAMES = ("vitreous.ior", "vitreous.center.x", "vitreous.center.y", "vitreous.cen
 def test_they_are_those_of_the_picture():
     scene = assignment_scene()
     found = rj.picture_derivatives(scene, GIVEN, SETTINGS)
-    renderer = rj.make_renderer(scene, SETTINGS)
+    renderer = functools.partial(rj.render, settings=SETTINGS)
 
     def image(center):
         return renderer(rj.set_parameters(scene, {"vitreous.center": center})).image

@@ -42,7 +42,7 @@ scene = rj.load_scene("vitreous")
 settings = rj.RenderSettings(size=(12, 9), max_bounces=0)
 film = rj.render(scene, settings)
 assert film.image.dtype == np.float32
-rj.make_renderer(scene, settings)(rj.set_parameters(scene, {"vitreous.center": np.array([4.3, 2.3, -1.0])}))
+rj.render(rj.set_parameters(scene, {"vitreous.center": np.array([4.3, 2.3, -1.0])}), settings)
 rj.render(rj.set_parameters(scene, {"film.blur": np.float64(1.0), "film.gain.r": 2}), settings)
 derivatives = rj.picture_derivatives(scene, ["cyan.ambient.r"], settings)
 assert scene["vitreous.ior"] == rj.list_parameters(scene)["cyan.ior"]

@@ -1,5 +1,7 @@
 """Footprints: thirds that make up the whole, light averaged over them, shares from their nodes against counting."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import assignment_scene, camera_rays, resolved
 
-from raytrace_jax import RenderSettings, make_renderer, optics, parse_scene, set_parameters
+from raytrace_jax import RenderSettings, optics, parse_scene, render, set_parameters
 from raytrace_jax.scene.scene import least_distance
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import take
@@ -85,7 +87,7 @@ sphere ball1 { material glass1 center 0.7 -0.1 -0.4 radius 0.8 }
 def test_trapped_light_stays_finite():
     """After some twenty bounces footprints are as wide as 1e200 there, of indices a few in ten thousand apart."""
     scene = parse_scene(TWO_BALLS, dtype=jnp.float64)
-    renderer = make_renderer(scene, RenderSettings(size=(240, 180), crop=(220, 83, 3, 3), edges="aware"))
+    renderer = functools.partial(render, settings=RenderSettings(size=(240, 180), crop=(220, 83, 3, 3), edges="aware"))
 
     def image(ior):
         return renderer(set_parameters(scene, {"ball0.ior": ior})).image

@@ -1,6 +1,7 @@
 """The physical model against the plain tracer, against POV-Ray, against laws; its derivatives; and never NaN."""
 
 import dataclasses
+import functools
 from pathlib import Path
 
 import jax
@@ -198,7 +199,7 @@ def test_derivatives_are_differences(as_scene):
         assert abs(difference).max() > 1e-3, f"{name} changes nothing, so that the test says nothing"
 
     # Backwards the derivative of a weighted sum is the sum of these.
-    renderer = rj.make_renderer(scene, points)
+    renderer = functools.partial(rj.render, settings=points)
     weights = np.random.default_rng(0).normal(size=found.shape[1:])
 
     def weighted(values):

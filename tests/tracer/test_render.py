@@ -3,7 +3,6 @@
 import dataclasses
 import threading
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -94,11 +93,6 @@ def test_output_variables():
         np.testing.assert_array_equal(values[missed], 0)
     assert bounces.max() == SMALL.max_bounces
     np.testing.assert_array_equal(bounces[shape == index("floor")], 0)  # matt: it sends no rays on
-
-
-def test_under_jit_a_renderer_is_needed():
-    with pytest.raises(ValueError, match="make_renderer"):
-        jax.jit(lambda scene: render(scene, SMALL).image)(assignment_scene())
 
 
 def test_moved_parameters_compile_nothing():

@@ -1,5 +1,7 @@
 """Second derivatives: of points they are those of the first derivatives' differences, of areas they are refused."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 from physical_scenes import Scene, write_images
 from pictured_scenes import EYE, PAINTED
 
-from raytrace_jax import RenderSettings, SettingsError, load_scene, make_renderer, parse_scene, set_parameters
+from raytrace_jax import RenderSettings, SettingsError, load_scene, parse_scene, render, set_parameters
 
 ROOM = """camera eye { pixeldim 16 12 viewpoint 0.3 0.2 5 lookat 0 0 0 fov 35 distortion -0.05 0.01 }
 light lamp { location 1 2 4 emissivity 20 18 16 }
@@ -62,7 +64,7 @@ def test_those_of_points_are_differences(model, tmp_path):
     write_images(Scene(EYE, [PAINTED]), tmp_path)
     (tmp_path / "room.txt").write_text(MODELS[model] + ROOM)
     scene = load_scene(tmp_path / "room.txt")
-    renderer = make_renderer(scene, RenderSettings(edges="point"))
+    renderer = functools.partial(render, settings=RenderSettings(edges="point"))
     picture, start = of_numbers(lambda scene: renderer(scene).image, scene, NAMES)
 
     @jax.jit
@@ -92,7 +94,7 @@ def test_a_hessian_holds_at_normal_incidence():
         light lamp { location 1 2 -1 emissivity 20 18 16 } material wall { diffuse 1 .9 .8 }
         material glass { transmission 1 ior 1.5 } plane back { material wall point 0 0 -2 normal 0 0 1 }
         sphere ball { material glass center 0 0 0 radius 1 }""")
-    renderer = make_renderer(scene, RenderSettings(edges="point"))
+    renderer = functools.partial(render, settings=RenderSettings(edges="point"))
     names = ["ball.center.x", "ball.radius", "glass.ior", "eye.fov", "eye.distortion.k1"]
     row, start = of_numbers(lambda scene: jnp.sum(renderer(scene).image[:, 1, :2] * WEIGHTS), scene, names)
 
@@ -114,7 +116,7 @@ light lamp { location 4 3 3 emissivity 1 1 1 } sphere ball { material white cent
 def disc(edges):
     """The image and its squared distance from a target, as functions of numbers, and the numbers."""
     scene = parse_scene(DISC)
-    renderer = make_renderer(scene, RenderSettings(max_bounces=0, edges=edges))
+    renderer = functools.partial(render, settings=RenderSettings(max_bounces=0, edges=edges))
     image, start = of_numbers(lambda scene: renderer(scene).image, scene, ["ball.radius", "white.ambient.r"])
     return image, lambda values, target=0.3: jnp.sum((image(values) - target) ** 2), start
 

@@ -1,5 +1,7 @@
 """Slabs: the planes that they are to rays, Snell's law, and derivatives by their numbers."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -93,7 +95,8 @@ def test_derivatives_by_a_slab_are_differences():
         )
         assert (abs(derivative).max() > 1e-3) != (name == "tank.point.z"), "light is shifted alike wherever a slab is"
         np.testing.assert_allclose(derivative, (ahead - behind) / 2e-6, rtol=1e-4, atol=1e-6, err_msg=name)
-    renderer, weights = rj.make_renderer(TANK, points), np.random.default_rng(0).normal(size=found.shape[1:])
+    renderer = functools.partial(rj.render, settings=points)
+    weights = np.random.default_rng(0).normal(size=found.shape[1:])
 
     def weighted(values):
         moved = rj.set_parameters(TANK, dict(zip(NAMES, values, strict=True)))

@@ -1,5 +1,7 @@
 """Derivatives of a picture by the pixels of a texture and of an environment, which a scene has as arrays."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +12,8 @@ from raytrace_jax import (
     RenderSettings,
     build,
     compiler_options,
-    make_renderer,
     make_scene,
+    render,
     set_parameters,
 )
 
@@ -39,7 +41,7 @@ def with_pixels(pixels, use):
 @pytest.mark.parametrize("use", ["board", "sky"])
 def test_gradients_by_pixels_are_differences(use):
     """A picture is linear in them, so that a difference is exact but for rounding."""
-    renderer = make_renderer(with_pixels(PIXELS, use), SETTINGS)
+    renderer = functools.partial(render, settings=SETTINGS)
     weights = np.random.default_rng(1).normal(size=(3, 9, 12))
 
     def loss(pixels):

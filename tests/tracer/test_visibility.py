@@ -13,7 +13,6 @@ from scenes import AWKWARD, assignment_scene, awkward_scene, random_scene, resol
 
 from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, render, set_parameters
 from raytrace_jax.tracer.derivatives import finite_differences, relative_error
-from raytrace_jax.tracer.run import Capacity
 from raytrace_jax.tracer.visibility.coverage import cut_pixel
 
 SIZE = (80, 60)
@@ -112,7 +111,7 @@ def test_scaling_from_the_eye_keeps_the_rim():
     assert relative_error(found, expected) < 0.01
 
 
-SMALL = in_both_modes(resolved(size=(16, 12), edges="aware"), Capacity(32768, 192))
+SMALL = in_both_modes(resolved(size=(16, 12), edges="aware"), 170)
 
 
 @pytest.mark.slow
@@ -142,7 +141,7 @@ def test_smooth_derivatives_are_differences():
         np.testing.assert_allclose(derivative[where], difference[where], rtol=1e-5, atol=1e-7, err_msg=name)
 
 
-SHORT = in_both_modes(resolved(size=(48, 36), max_bounces=2, edges="point"), Capacity(8 * 1728, 1728))
+SHORT = in_both_modes(resolved(size=(48, 36), max_bounces=2, edges="point"), 8)
 """With room for both children of every ray: no scene can overflow it."""
 
 

@@ -3,14 +3,15 @@
 import functools
 import sys
 
+import jax
 import numpy as np
 import pytest
 from command_line import run
 from fake_fit import VITREOUS
 from scenes import resolved
 
-from raytrace_jax import PictureError, fit, load_scene, make_renderer, picture_derivatives, render
-from raytrace_jax.tracer.rendering import refuse_too_large
+from raytrace_jax import PictureError, fit, load_scene, picture_derivatives, render
+from raytrace_jax.tracer.radiance import refuse_too_large
 from raytrace_jax.util import session
 
 LARGE = resolved(size=(32768, 32768))
@@ -29,9 +30,9 @@ NEEDS = "a picture of 32768 x 32768 pixels{} needs about {} of memory, and 10 GB
 
 def test_a_too_large_picture_is_refused(free):
     scene = load_scene(VITREOUS)
-    for use in (render, make_renderer):
+    for use in (render, jax.jit(functools.partial(render, settings=LARGE))):
         with pytest.raises(PictureError, match=NEEDS.format("", "96.6 GB")):
-            use(scene, LARGE)
+            use(scene, LARGE) if use is render else use(scene)
     with pytest.raises(PictureError, match=NEEDS.format(" with derivatives by 4 numbers", "483 GB")):
         picture_derivatives(scene, ["vitreous.ior", "vitreous.center"], LARGE)
     target = np.broadcast_to(np.float32(0.5), (3, 32768, 32768))

@@ -1,5 +1,6 @@
 """A renderer beside JAX's own ways: without jit, on another device, on shards, and in a process that was forked."""
 
+import functools
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from jax.sharding import PartitionSpec
 
-from raytrace_jax import RenderSettings, make_renderer, parse_scene, picture_derivatives, render, set_parameters
+from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, render, set_parameters
 
 SCENE = """settings main { model physical max_bounces 2 }
 camera eye { pixeldim 12 9 viewpoint 0 0 5 lookat 0 0 0 fov 40 }
@@ -42,7 +43,7 @@ def test_a_scene_on_another_device():
 @several
 def test_a_renderer_on_shards():
     scene, mesh = parse_scene(SCENE), jax.make_mesh((2,), ("x",), axis_types=(jax.sharding.AxisType.Auto,))
-    renderer, share = make_renderer(scene, POINTS), PartitionSpec("x")
+    renderer, share = functools.partial(render, settings=POINTS), PartitionSpec("x")
 
     def one(index):
         return renderer(set_parameters(scene, {"crown.ior": index[0]})).image[None]

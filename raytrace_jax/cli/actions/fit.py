@@ -30,7 +30,7 @@ from raytrace_jax.scene.bundled import scene_path
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene
 from raytrace_jax.scene.structs import USUAL_FOV
-from raytrace_jax.tracer.rendering import refuse_too_large
+from raytrace_jax.tracer.radiance import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.background import run_beside
 from raytrace_jax.util.numerics import TINY

@@ -93,7 +93,7 @@ class CommandOptions(Checked):
             super().__post_init__()
 
 
-class PictureOptions(CommandOptions, RenderSettings):
+class PictureOptions(CommandOptions, RenderSettings, hidden=("rays_per_pixel", "throw")):
     """How a picture is made."""
 
     aov: Annotated[tuple[AovName, ...], repeatable(AovName, "NAME ...")] = ()
@@ -101,7 +101,7 @@ class PictureOptions(CommandOptions, RenderSettings):
     """Bits of the floating-point numbers in use. 32 is faster; a fit wants 64."""
 
 
-class RenderOptions(PictureOptions, hidden=("edges", "binning", "aov")):
+class RenderOptions(PictureOptions, hidden=("edges", "binning", "aov", "rays_per_pixel", "throw")):
     """How a picture is made: what all commands share that make one."""
 
 

@@ -18,7 +18,6 @@ from raytrace_jax.inverse.problem.unknowns import Image, Mask, Unknowns, Values,
 from raytrace_jax.scene.parameters import film_effects
 from raytrace_jax.scene.response import Frame, develop, develop_compiled, light_reach, linear_effects, without_idle
 from raytrace_jax.scene.scene import CameraResponse, Scene, without_texels
-from raytrace_jax.tracer.derivatives import develop_derivatives
 from raytrace_jax.tracer.pixels import (
     PixelDerivatives,
     pixel_colors,
@@ -26,6 +25,7 @@ from raytrace_jax.tracer.pixels import (
     prepare_colors,
     prepare_derivatives,
 )
+from raytrace_jax.tracer.radiance import develop_derivatives
 from raytrace_jax.util.compilation import jit
 
 

@@ -66,7 +66,7 @@ class RayRecord(eqx.Module):
     scattering: Scattering
     valid: Bool[Array, " rays"]
     depth: Int[Array, " rays"]  # How often their paths have bounced.
-    children: Int[Array, "kinds rays"]  # The places in the queue of what they sent on; one that stays black for none.
+    children: Int[Array, "kinds rays"]  # The places in the queue of what they sent on; beyond its rays for none.
     si: Hits | None = None  # Where they hit; None where nobody asks, as the next.
     wanted: Bool[Array, "kinds rays"] | None = None  # What they wanted to send on, also after the last bounce.
 
@@ -75,6 +75,7 @@ class ChildResult(eqx.Module):
     """Radiance returned to the parent ray, with what else the parent is told; fields as in `Outcome`."""
 
     color: Float[Array, "3 places"]
+    complete: Bool[Array, " places"]
     sees_edge: Bool[Array, " places"] | None
     bounce_count: Int[Array, " places"] | None
 
@@ -94,18 +95,20 @@ def combine(settings: ResolvedSettings, results: ChildResult, rays: RayRecord) -
     def most(mine: Array, all_: Array) -> Array:
         return functools.reduce(jnp.maximum, [gather(all_, place) for place in rays.children], mine)
 
+    complete = functools.reduce(jnp.logical_and, [gather(results.complete, place) for place in rays.children], True)
+
     sees_edge, bounces = results.sees_edge, results.bounce_count
     if sees_edge is not None:
         assert own.sees_edge is not None
         sees_edge = most(own.sees_edge, sees_edge)
     if bounces is not None:
         bounces = most(jnp.where(rays.valid, rays.depth, 0), bounces)
-    return ChildResult(color, sees_edge, bounces)
+    return ChildResult(color, jnp.broadcast_to(complete, rays.valid.shape), sees_edge, bounces)
 
 
 class Outcome(eqx.Module):
     color: Vectors
-    wanted: Int[Array, ""]  # How many rays there were in all; those that found no place in the queue are black.
+    complete: Bool[Array, " rays"]  # Whether all rays of its tree found a place in the queue; what did not is black.
     sees_edge: Bool[Array, " rays"] | None = None  # Whether any ray of the pixel's tree sees an edge; None of points.
     first: Hits | None = None  # The camera ray's own hit; None where it is not asked for, as the next one.
     bounce_count: Int[Array, " rays"] | None = None  # The largest after which a ray of its tree still hit something.
@@ -149,6 +152,10 @@ def trace_queue(
         reversible: whether the loop has a fixed number of turns, as reverse mode wants; else it ends with the rays.
     """
     size, chunk = points.shape[1] * RAYS_A_PLACE, chunk_of(points.shape[1])
+    # There is room for all that a last chunk may send on. The last two places stay black: of no child, and of one that
+    # finds no place.
+    room = size + 3 * chunk
+    lost, none = room - 2, room - 1
 
     def read(all_, head):
         return jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, head, chunk, -1), all_)
@@ -171,8 +178,7 @@ def trace_queue(
         places, children, total = jnp.zeros((0, chunk), jnp.int32), some, jnp.zeros_like(tail)
         if kinds:
             children, slot, total = pack_rays(kinds, number + 1)
-            # A child that finds no place is black, as the place after the last one is.
-            places = jnp.minimum(jnp.where(slot < slot.size, tail + slot, size), size)
+            places = jnp.where(slot < slot.size, jnp.minimum(tail + slot, lost), none)
         si = level.si if with_hits else None
         all_wanted = jnp.stack([wanted for wanted, _ in level.children]) if with_hits and kinds else None
         record = RayRecord(level.scattering, level.si.valid, depth, places, si, all_wanted)
@@ -185,7 +191,7 @@ def trace_queue(
         return (queue.sent < count) & (queue.tail < size)
 
     def take_turn(queue: Queue) -> Queue:
-        """The next chunk of rays is traced; camera rays come in where fewer wait. After the last ray nothing changes."""
+        """Trace the next chunk of rays; camera rays come in where fewer wait. After the last ray nothing changes."""
         lacks, turn, end = has_more(queue) & (waits(queue) < chunk), queue.turn, jnp.minimum(queue.tail, size)
         rays = write(queue.rays, only_if(lacks, camera_rays, jnp.where(lacks, queue.sent, 0)), end)
         starts = queue.starts.at[jnp.where(lacks, queue.sent // chunk, len(queue.starts))].set(end, mode="drop")
@@ -199,8 +205,8 @@ def trace_queue(
         rays, records = write(rays, children, end), write(queue.traced, traced, head)
         return Queue(turn + 1, heads, starts, queue.sent + new, tail + total, rays, records)
 
-    # Down: there is room for all that a last chunk may send on. What ends the queue is a generation of rays a turn.
-    room, turns = size + 3 * chunk, size // chunk + settings.levels + 2
+    # Down. What ends the queue is a generation of rays a turn.
+    turns = size // chunk + settings.levels + 2
     start = jnp.zeros((), jnp.int32)
     first = jax.eval_shape(camera_rays, start)
     one = jax.eval_shape(scatter_chunk, start, start, first)[0]
@@ -220,7 +226,8 @@ def trace_queue(
     own = nothing.scattering
     sees_edge = None if own.sees_edge is None else jnp.zeros(room, bool)
     bounce_count = jnp.zeros(room, jnp.int32) if with_hits else None
-    results = ChildResult(jnp.zeros_like(own.background), sees_edge, bounce_count)
+    complete = jnp.arange(room, dtype=jnp.int32) == none
+    results = ChildResult(jnp.zeros_like(own.background), complete, sees_edge, bounce_count)
     _, results = repeat(blend, (queue.turn, results), lambda state: state[0] > 0, turns, reversible)
     return queue, results
 
@@ -237,7 +244,7 @@ def trace(
     """The outcome of each camera ray, by `trace_queue`; its arguments.
 
     Where glass has dispersion one channel is traced after the other, which takes three times as long. What is not a
-    colour then comes from the green channel; only of rays and edges what any channel wants or sees counts.
+    colour then comes from the green channel; of edges what any channel sees counts.
     """
     chunk = chunk_of(points.shape[1])
 
@@ -249,8 +256,8 @@ def trace(
             return jnp.moveaxis(each, 0, -2).reshape(*x.shape[:-1], -1)
 
         found, si = jax.tree.map(camera_s, (results, queue.traced.si))
-        # Camera rays that did not come in found no room.
-        return Outcome(found.color, queue.tail + count - queue.sent, found.sees_edge, si, found.bounce_count)
+        complete = found.complete & (jnp.arange(points.shape[1], dtype=jnp.int32) < queue.sent)
+        return Outcome(found.color, complete, found.sees_edge, si, found.bounce_count)
 
     if world.channel_ior is None:
         return outcome(world)
@@ -261,5 +268,5 @@ def trace(
     each = jax.lax.map(jax.checkpoint(of_channel, prevent_cse=False), world.channel_ior)
     color = jnp.stack([each.color[channel, channel] for channel in range(3)])
     first, bounce_count = jax.tree.map(lambda x: x[LINE_CHANNEL], (each.first, each.bounce_count))
-    wanted, sees_edge = jax.tree.map(lambda x: jnp.max(x, axis=0), (each.wanted, each.sees_edge))
-    return Outcome(color, wanted, sees_edge, first, bounce_count)
+    sees_edge = None if each.sees_edge is None else jnp.any(each.sees_edge, axis=0)
+    return Outcome(color, jnp.all(each.complete, axis=0), sees_edge, first, bounce_count)
