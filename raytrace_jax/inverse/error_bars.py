@@ -7,7 +7,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
@@ -41,7 +40,7 @@ class ErrorBars(NamedTuple):
 
 def covariance(
     problem: PictureResidual | Sequence[PictureResidual],
-    y: Float[ArrayLike, " parameters"],
+    y: ArrayLike,
     *,
     sigma: float | None = None,
 ) -> ErrorBars:

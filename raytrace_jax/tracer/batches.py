@@ -125,7 +125,7 @@ def in_batches(
 
 
 def fill_slots(
-    batches: list[tuple[int, Int[np.ndarray, " pixels"]]], points: Points, step: Float[np.ndarray, "2"], queue: int
+    batches: list[tuple[int, np.ndarray]], points: Points, step: Float[np.ndarray, "2"], queue: int
 ) -> Batches:
     """Batches in the slots of all devices: of which picture they are, and which of the points they have."""
     devices = jax.device_count()

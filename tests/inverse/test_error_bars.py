@@ -147,7 +147,7 @@ def test_what_has_no_covariance_is_refused():
     with pytest.raises(RaytraceError, match="make_residual"):
         covariance([one, 3], TRUTH)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ParameterError, match="sigma is 0"):
-        covariance(one, TRUTH, sigma=0)
+        covariance(one, TRUTH, sigma=0.0)
     with pytest.raises(ParameterError, match="outside of JAX's transformations"):
         jax.jit(lambda y: covariance(one, y).covariance)(jnp.asarray(TRUTH))
 

@@ -138,7 +138,7 @@ class Share(NamedTuple):
         curvature = by_value(linearization.curvature, unit)
         return cls(state, unit, triangle, curvature, prior, seen, seen if sigma is None else sigma)
 
-    def meat(self, whiten: Float[np.ndarray, "parameters directions"]) -> Covariance:
+    def meat(self, whiten: Float[np.ndarray, "parameters directions"]) -> Float[np.ndarray, "directions directions"]:
         """The covariance of its scores along directions: the noise of the priors, and what each stage adds."""
         problem, linearization = self.state.problem, self.state.linearization
         jacobian = np.asarray(linearization.pixel_jacobian, np.float64)
