@@ -17,7 +17,7 @@ from cases import CASES, Case, sized
 from reference import reference_derivative, reference_picture
 
 from raytrace_jax import RenderSettings, load_scene, picture_derivatives
-from raytrace_jax.tracer.derivatives import correlation, relative_error
+from raytrace_jax.report.differences import correlation, relative_error
 
 INSIDE = np.s_[..., 1:-1]
 """The first and the last column show where two planes of the course's scenes end exactly: rounding decides them."""

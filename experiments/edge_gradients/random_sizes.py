@@ -17,7 +17,7 @@ from cases import CASES, Case
 from reference import reference_derivative
 
 from raytrace_jax import RenderSettings, load_scene, picture_derivatives
-from raytrace_jax.tracer.derivatives import correlation, relative_error
+from raytrace_jax.report.differences import correlation, relative_error
 
 SEED = 17
 SIZES = 15

@@ -13,7 +13,7 @@ import numpy as np
 from cases import Case
 
 from raytrace_jax import RenderSettings, load_scene, render, set_parameters
-from raytrace_jax.tracer.derivatives import finite_differences
+from raytrace_jax.report.differences import finite_differences
 from raytrace_jax.util.files import atomic_write
 
 

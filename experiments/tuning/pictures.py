@@ -11,7 +11,7 @@ import numpy as np
 from replacing import replaced
 
 from raytrace_jax import RenderSettings, load_scene, render, set_parameters
-from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.report.differences import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, trace
 from raytrace_jax.tracer.levels.level import trace_level
 from raytrace_jax.tracer.pixels import picture_pixels

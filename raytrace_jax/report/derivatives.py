@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from raytrace_jax.images import Transfer
+from raytrace_jax.report.differences import correlation, relative_error
 from raytrace_jax.report.panels import as_pixels, draw_signed_values, drawable, panel_bands
-from raytrace_jax.tracer.derivatives import PictureDerivatives, correlation, relative_error
+from raytrace_jax.tracer.derivatives import PictureDerivatives
 
 Verdict = Literal["agree", "agree but for pixels", "disagree", "undecided"]
 

@@ -6,9 +6,10 @@ from os import PathLike
 from raytrace_jax._version import __version__
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.exr import write_exr
+from raytrace_jax.report.differences import Differences
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.writer import format_scene
-from raytrace_jax.tracer.derivatives import Differences, PictureDerivatives
+from raytrace_jax.tracer.derivatives import PictureDerivatives
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings

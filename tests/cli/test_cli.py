@@ -25,7 +25,8 @@ from raytrace_jax import (
 from raytrace_jax.cli.options import RenderOptions
 from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.inverse.result import Status
-from raytrace_jax.tracer.derivatives import PictureDerivatives, finite_differences
+from raytrace_jax.report.differences import finite_differences
+from raytrace_jax.tracer.derivatives import PictureDerivatives
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import AOVS, AovName
 

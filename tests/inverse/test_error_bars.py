@@ -10,6 +10,7 @@ from linear_fit import linear_names, linear_problem
 from linear_pictures import COLUMNS, ROWS, SIGMA, TEXTBOOK, TRUTH, judged, picture, white
 
 from raytrace_jax import (
+    FitOptions,
     ParameterError,
     RaytraceError,
     RenderSettings,
@@ -178,7 +179,7 @@ def noisy(scene, seed, sigma=0.02):
 @pytest.mark.parametrize("sigma", [None, 0.03])
 def test_a_traced_picture_is_as_in_a_fit(ball, sigma):
     target = noisy(ball, 0)
-    result = fit(ball, target, FREE, AWARE, search=False, target_sampling="aware", sigma=sigma)
+    result = fit(ball, target, FREE, AWARE, options=FitOptions(search=False, target_sampling="aware", sigma=sigma))
     at = make_residual(result.scene, target, FREE, AWARE)
     found = covariance(at, at.start, sigma=sigma)
     np.testing.assert_allclose(found.standard_error, result.standard_error, rtol=1e-3)

@@ -13,7 +13,7 @@ from numpy_additive import NumpyAdditive
 from scenes import DATA, numbers, random_ball, random_plane, sphere
 
 import raytrace_jax as rj
-from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.report.differences import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (24, 18)

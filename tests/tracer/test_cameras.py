@@ -7,7 +7,7 @@ import pytest
 from scenes import camera_rays, resolved
 
 from raytrace_jax import FitOptions, RenderSettings, fit, parse_scene, picture_derivatives, render
-from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.report.differences import correlation, finite_differences, relative_error
 
 rays_of = jax.jit(camera_rays, static_argnames="settings")
 WORLD = (

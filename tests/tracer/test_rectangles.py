@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from test_geometry import SETTINGS, random_rays, shoot
 
 from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, render, set_parameters
-from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.report.differences import correlation, finite_differences, relative_error
 
 HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material m { ambient 4 3 2 } "
 BOARD = HEAD + (

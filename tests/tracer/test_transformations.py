@@ -14,7 +14,7 @@ from scenes import assignment_scene
 
 import raytrace_jax as rj
 from raytrace_jax import RenderSettings, SettingsError, render, set_parameters
-from raytrace_jax.tracer.derivatives import finite_differences, relative_error
+from raytrace_jax.report.differences import finite_differences, relative_error
 
 SETTINGS = RenderSettings(size=(16, 12), crop=(1, 0, 14, 12), max_bounces=1)
 """Without the first and the last column, in which rounding decides which wall is seen."""

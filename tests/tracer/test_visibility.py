@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scenes import AWKWARD, assignment_scene, awkward_scene, random_scene, resolved
 
 from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, render, set_parameters
-from raytrace_jax.tracer.derivatives import finite_differences, relative_error
+from raytrace_jax.report.differences import finite_differences, relative_error
 from raytrace_jax.tracer.visibility.coverage import cut_pixel
 
 SIZE = (80, 60)

@@ -14,13 +14,14 @@ from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images import animation, masks
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.derivatives import DerivativeCheck, check_derivative, draw_gradients
+from raytrace_jax.report.differences import Differences, steady_differences
 from raytrace_jax.report.films import how_made, screen_transfer, write_derivatives
 from raytrace_jax.report.gallery import GALLERIES, Variant, draw_gallery, render_gallery
 from raytrace_jax.report.panels import as_pixels
 from raytrace_jax.scene.bundled import bundled_scenes
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.derivatives import Differences, PictureDerivatives, picture_derivatives, steady_differences
+from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.digits import evenly_spaced
 from raytrace_jax.util.files import atomic_write, json_text
