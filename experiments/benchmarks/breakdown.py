@@ -19,7 +19,7 @@ from raytrace_jax import load_scene, render
 from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import packed, unpacked
-from raytrace_jax.tracer.levels.integrator import pack_rays
+from raytrace_jax.tracer.levels.integrator import compact
 from raytrace_jax.tracer.levels.level import trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
@@ -51,7 +51,7 @@ def stage_milliseconds(rounds: int) -> dict[str, float]:
 
     def sent_on(world, rays, live, number):
         level = shaded(world, rays, live, number)
-        return level, pack_rays([(wanted & live, child) for wanted, child in level.children], number + 1)
+        return level, compact([(wanted & live, child) for wanted, child in level.children], number + 1)
 
     def program(stage):
         @jit
@@ -102,7 +102,7 @@ def all_chunks(scene, settings):
         def children(chunk):
             rays, live = chunk
             level = trace_level(world, unpacked(rays), live, rays.number, settings.of_rays)
-            return pack_rays([(wanted & live, child) for wanted, child in level.children], rays.number + 1)
+            return compact([(wanted & live, child) for wanted, child in level.children], rays.number + 1)
 
         found, _, count = jax.lax.map(children, (waiting, live))
         return found, jnp.arange(found.moving.shape[-1], dtype=jnp.int32) < count[:, None]

@@ -12,7 +12,7 @@ from replacing import replaced
 
 from raytrace_jax import RenderSettings, load_scene, render, set_parameters
 from raytrace_jax.report.differences import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, trace
+from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, Wavefront, trace
 from raytrace_jax.tracer.levels.level import trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
@@ -90,8 +90,9 @@ class Bench:
             def image(values):
                 moved = set_parameters(scene, {name: values[k] for k, name in enumerate(self.names)})
                 world = prepare_world(moved, self.settings)
-                traced = trace(world, moved.camera, padded, jnp.asarray(step), jnp.int32(pixels), self.settings)
-                return traced.color[:, :pixels].reshape(3, *self.size[::-1]), traced.wanted
+                front = Wavefront(world, moved.camera, padded, jnp.asarray(step), jnp.int32(pixels), self.settings)
+                traced = trace(front)
+                return traced.color[:, :pixels].reshape(3, *self.size[::-1]), traced.traced
 
             # A jitted level would keep the numbers of its first trace.
             plain = {"tracer.levels.integrator:trace_level": inspect.unwrap(trace_level)}
@@ -106,8 +107,8 @@ class Bench:
         arrays = {address: jnp.asarray(value) for address, value in usual.items()}
         errors, image, rays = [], None, 0.0
         for direction, difference in zip(np.eye(len(self.names)), self.differences, strict=True):
-            image, derivative, wanted = self.program(arrays, self.values, jnp.asarray(direction), self.scene)
-            rays = int(wanted) / (self.size[0] * self.size[1])
+            image, derivative, traced = self.program(arrays, self.values, jnp.asarray(direction), self.scene)
+            rays = int(traced) / (self.size[0] * self.size[1])
             if rays > ROOM:
                 return ["no room"]
             derivative = np.asarray(derivative)[INSIDE]

@@ -6,29 +6,26 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array
 
 from raytrace_jax.errors import RaytraceWarning
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.images.masks import mask_in_words
 from raytrace_jax.inverse.build_problem import FitSetup, build_problem
-from raytrace_jax.inverse.judge.changes import pixels_to_check
 from raytrace_jax.inverse.judge.model_check import check_model
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.observe.sampling import COARSE_SAMPLES, cached_detection, supersampled
-from raytrace_jax.inverse.options import FitOptions, Stage
-from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.solve.candidates import unseen_balls, with_open
 from raytrace_jax.inverse.solve.profile import find_profile
-from raytrace_jax.inverse.solve.refine import first_stage, select_solution
-from raytrace_jax.inverse.solve.search import Levels, choose_levels, find_minima
-from raytrace_jax.inverse.solve.steps import LocalMinimum, Recorder
+from raytrace_jax.inverse.solve.refine import select_solution
+from raytrace_jax.inverse.solve.search import choose_levels, find_minima
+from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.inverse.status import make_result
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.background import CompileAhead, run_beside
+from raytrace_jax.util.background import run_beside
 from raytrace_jax.util.checked import refuse_other
 
 
@@ -83,8 +80,7 @@ def fit(
     recorder = Recorder(setup.problem, on_step, on_phase, options.max_seconds)
     stopped = None
     try:
-        with CompileAhead() as ahead:
-            run_beside(lambda: find(setup, options, recorder, ahead), recorder.check_clock, recorder.stop)
+        run_beside(lambda: find(setup, options, recorder), recorder.check_clock, recorder.stop)
     except KeyboardInterrupt:
         stopped = "interrupted by the user"
     except TimeoutError:
@@ -92,26 +88,12 @@ def fit(
     return make_result(setup, options, recorder, stopped)
 
 
-def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: CompileAhead) -> None:
+def find(setup: FitSetup, options: FitOptions, recorder: Recorder) -> None:
     """Run all stages of a fit; the recorder keeps what each finds."""
     # The answer: minima of small pictures, and the best of them on the whole picture.
     problem = setup.problem
     levels, detect = choose_levels(problem, options), cached_detection(problem)
-    prepare_search(problem, levels, options, recorder, ahead)
-
-    def prepare_refinement(first: LocalMinimum) -> None:
-        """Compile what will solve the whole picture, while the search goes on to other minima."""
-        is_told = options.known_sampling != "auto"
-        known = options if is_told else dataclasses.replace(options, target_sampling=detect(first.y))
-        stage = first_stage(known.last_stage)
-        problem.prepare_linearize(first.y, stage)
-        if stage.edges == "aware":
-            pixels_to_check(problem, first.y, stage).prepare()
-
-    def on_first(first: LocalMinimum) -> None:
-        ahead.add(lambda: prepare_refinement(first))
-
-    minima = find_minima(problem, levels, options.edges, options.search, recorder, on_first)
+    minima = find_minima(problem, levels, options.edges, options.search, recorder)
     recorder.found(minima=tuple(minima))
     minima, solution = select_solution(problem, minima, len(levels.blurs), options, recorder, detect)
     recorder.found(minima=tuple(minima), solution=solution)
@@ -144,18 +126,3 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
         recorder.found(check=check_model(solution, error, setup.uncertain, options.correlations, clock))
     except np.linalg.LinAlgError as reason:  # LAPACK cannot factorise a matrix: the fit has its answer all the same.
         warnings.warn(f"the model could not be checked: {reason}.", RaytraceWarning, stacklevel=2)
-
-
-def prepare_search(
-    problem: Problem, levels: Levels, options: FitOptions, recorder: Recorder, ahead: CompileAhead
-) -> None:
-    """Compile what will solve the small pictures, and what will tell how the target was sampled."""
-
-    def best() -> Array:
-        answer = recorder.findings.answer
-        return problem.start() if answer is None else problem.array(answer)
-
-    for binning in dict.fromkeys(map(levels.binning_at, levels.blurs)):
-        ahead.add(lambda binning=binning: problem.prepare_linearize(best(), Stage(options.edges, binning=binning)))
-    if options.known_sampling == "auto":
-        ahead.add(lambda: problem.model.prepare_points(problem.scene_at(best()), problem.base))

@@ -137,12 +137,6 @@ def fill_slots(
     return Batches(picture, places, counts.astype(np.int32), step.astype(points.dtype))
 
 
-def sample_batch(settings: ResolvedSettings, dtype: np.dtype) -> Batches:
-    """A batch of one pixel, as an argument to compile a program with."""
-    queue, _ = batch_sizes(1.0, settings)
-    return fill_slots([(0, np.zeros(1, int))], np.zeros((2, 1), dtype), np.zeros(2), queue)
-
-
 def in_one_call(
     pictures: int, points: Points, step: Float[np.ndarray, "2"], settings: ResolvedSettings, program: Program
 ) -> tuple[list[Array], Int[Array, ""]]:

@@ -17,9 +17,9 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Scene, map_scenes, without_texels
 from raytrace_jax.scene.slabs import surface_owners
-from raytrace_jax.tracer.batches import Batches, Points, TracePoints, in_batches, map_batches, sample_batch
+from raytrace_jax.tracer.batches import Batches, Points, TracePoints, in_batches, map_batches
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
-from raytrace_jax.tracer.levels.integrator import trace
+from raytrace_jax.tracer.levels.integrator import Wavefront, trace
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import AOVS
 from raytrace_jax.tracer.shading.image_texture import Pyramid
@@ -140,14 +140,6 @@ def pixel_outputs(
     return dict(zip(names, found, strict=True)), overflow
 
 
-def prepare_colors(scene: Scene, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None) -> None:
-    """Compile what `pixel_colors` will run, and run nothing."""
-    settings = _of_colors(settings, step).of_rays
-    scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
-    batches = sample_batch(settings, scenes.camera.viewpoint.dtype)
-    color_batches.prepare(map_scenes(lambda x: x[batches.picture], scenes), batches, settings)
-
-
 def _of_colors(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -> ResolvedSettings:
     return dataclasses.replace(settings, edges="point" if step is None else "aware", samples=1, aov=())
 
@@ -165,7 +157,7 @@ def color_batches(
 
     def one_batch(pyramids: tuple[Pyramid, ...], scene: Scene, points: Float[Array, "2 places"], count, step):
         world = materialize(prepare_world(scene, settings, pyramids), count > 0)
-        found = trace(world, scene.camera, points, step, count, settings, with_hits=bool(aov), reversible=reversible)
+        found = trace(Wavefront(world, scene.camera, points, step, count, settings, bool(aov)), reversible)
         first: Any = found.first
         variables = {name: jnp.where(first.valid, AOVS[name].value(found), AOVS[name].missing) for name in aov}
         if "shape_index" in aov and scenes.slabs.names:
@@ -201,14 +193,6 @@ def pixel_derivatives(
     return PixelDerivatives(color, jacobian, sees_edge > 0, overflow)
 
 
-def prepare_derivatives(
-    y: Float[Array, " parameters"], scene: Scene, unknowns: SceneFunction, settings: ResolvedSettings
-) -> None:
-    """Compile what `pixel_derivatives` will run, and run nothing."""
-    rays, y = settings.of_rays, jnp.asarray(y)
-    differentiate_batches.prepare(y, scene, sample_batch(rays, y.dtype), unknowns, rays)
-
-
 @functools.partial(jit, static_argnames=("unknowns", "settings", "reversible"))
 def differentiate_batches(
     y: Array, scene: Scene, batches: Batches, unknowns: SceneFunction, settings: ResolvedSettings, reversible=False
@@ -221,7 +205,7 @@ def differentiate_batches(
         def color(y):
             moved = unknowns.moved(scene, y)
             world = materialize(prepare_world(moved, settings, pyramids), count > 0)
-            found = trace(world, moved.camera, points, step, count, settings, reversible=reversible)
+            found = trace(Wavefront(world, moved.camera, points, step, count, settings), reversible)
             sees_edge = jnp.zeros(points.shape[1], bool) if found.sees_edge is None else found.sees_edge
             return found.color, (sees_edge, found.complete)
 

@@ -14,7 +14,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.slabs import surface_owners
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, unpacked
-from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, trace_queue
+from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, Wavefront, trace_queue
 from raytrace_jax.tracer.levels.level import MODELS
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
@@ -101,7 +101,7 @@ def _queue_of(
     dtype, step = camera.viewpoint.dtype, pixel_step(camera, settings)
     place = jnp.stack([jnp.full(most // RAYS_A_PLACE, x, dtype) for x in (column, row)])
     points = jnp.stack(picture_place(camera, settings, *place))
-    queue, results = trace_queue(world, camera, points, jnp.asarray(step, dtype), 1, settings, with_hits=True)
+    queue, results = trace_queue(Wavefront(world, camera, points, jnp.asarray(step, dtype), 1, settings, True))
     rays, record, si = unpacked(queue.rays), queue.traced, queue.traced.si
     assert si is not None
     found = {"number": queue.rays.number, "color": results.color, "o": rays.o, "d": rays.d, "valid": record.valid}

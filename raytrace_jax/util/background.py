@@ -34,26 +34,6 @@ def run_beside(work: Callable[[], T], check: Callable[[], None], stop: Callable[
     return outcome.result()
 
 
-class CompileAhead:
-    """A one-worker executor that compiles ahead of need, for as long as a `with` block lasts.
-
-    What is begun when the block ends goes on to its end, unseen; what is not begun is dropped.
-    """
-
-    def __init__(self):
-        self.thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="compile-ahead")
-
-    def __enter__(self) -> "CompileAhead":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.thread.shutdown(wait=False, cancel_futures=True)
-
-    def add(self, work: Callable[[], object]) -> None:
-        """Do this next. Its errors stay in its future: the caller compiles again and meets the same error."""
-        self.thread.submit(with_settings(work))
-
-
 def with_settings(work: Callable[[], T]) -> Callable[[], T]:
     """Work for another thread with JAX's settings of this one: each thread has its own."""
     names = ("enable_x64", "debug_nans", "default_device", "default_matmul_precision")

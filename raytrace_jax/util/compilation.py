@@ -1,7 +1,6 @@
 """The compilation of programs with the options that were measured to help on the CPU.
 
-A program is compiled once for each kind of arguments, by the thread that asks first: `Jitted.prepare` in one thread
-lets another find it ready. `kept_programs` has its trace for later processes.
+A program is compiled once for each kind of arguments, and `kept_programs` has its trace for later processes.
 """
 
 import functools
@@ -10,7 +9,6 @@ import os
 import threading
 import weakref
 from collections.abc import Callable, Hashable
-from concurrent.futures import Future
 from typing import Any
 
 import jax
@@ -88,8 +86,8 @@ class Jitted:
         function = self.function = with_lower_ranks(function)
         self.static = {static_argnames} if isinstance(static_argnames, str) else set(static_argnames)
         self.signature = inspect.signature(function)
-        self.programs: dict[Hashable, Future[Callable[[list[Any]], Any]]] = {}
-        self.lock = threading.Lock()
+        self.programs: dict[Hashable, Callable[[list[Any]], Any]] = {}
+        self.lock = threading.RLock()
         self.within = jax.jit(function, static_argnames=tuple(self.static))
         ALL_JITTED.add(self)
 
@@ -101,11 +99,6 @@ class Jitted:
         # What `jax.disable_jit` asks for, one operation after the other, is no program.
         with jax.disable_jit(False):
             return self._program(static, leaves, structure)(leaves)
-
-    def prepare(self, *args: Any, **kwargs: Any) -> None:
-        """Compile the program for such arguments if there is none, and run nothing."""
-        with jax.disable_jit(False):
-            self._program(*self._bind(args, kwargs))
 
     def _bind(self, args: tuple, kwargs: dict[str, Any]) -> tuple[dict[str, Any], list[Any], Any]:
         """Arguments by name: those that are static; and the arrays, flattened, with their tree's structure."""
@@ -122,17 +115,15 @@ class Jitted:
         names = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_device")
         surroundings = *(getattr(jax.config, name) for name in names), jax.device_count()
         key = tuple(static.items()), structure, tuple(map(_leaf_key, leaves)), surroundings
+        # Of several threads one compiles.
         with self.lock:
-            is_new = key not in self.programs
-            program = self.programs.setdefault(key, Future())
-        if is_new:
-            try:
-                program.set_result(self._load_or_compile(static, leaves, structure, key))
-            except BaseException as error:
-                # Waiters get the exception; the key is freed for a retry.
-                self.programs.pop(key, None)
-                program.set_exception(error)
-        return program.result()
+            if key not in self.programs:
+                COMPILED_NOW.add(key)
+                try:
+                    self.programs[key] = self._load_or_compile(static, leaves, structure, key)
+                finally:
+                    COMPILED_NOW.discard(key)
+            return self.programs[key]
 
     def _load_or_compile(
         self, static: dict[str, Any], arrays: list[Any], arrays_tree: Any, key: Hashable
@@ -185,8 +176,12 @@ ALL_JITTED: weakref.WeakSet[Jitted] = weakref.WeakSet()
 """Every function that was jitted, so that all can forget what they compiled."""
 
 
+COMPILED_NOW: set[Hashable] = set()
+
+
 def is_compiling() -> bool:
-    return any(not program.done() for jitted in ALL_JITTED for program in list(jitted.programs.values()))
+    """Whether a program is being compiled in any thread."""
+    return bool(COMPILED_NOW)
 
 
 def forget_programs() -> None:

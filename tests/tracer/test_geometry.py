@@ -15,7 +15,7 @@ from raytrace_jax.scene.scene import least_distance
 from raytrace_jax.tracer.geometry import intersection, shape_types
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take, unpacked
 from raytrace_jax.tracer.geometry.shape_types import scene_shapes as shapes_of
-from raytrace_jax.tracer.levels.integrator import pack_rays, running_count
+from raytrace_jax.tracer.levels.integrator import compact, running_count
 from raytrace_jax.tracer.levels.level import point_level
 from raytrace_jax.tracer.world import prepare_world
 
@@ -41,7 +41,7 @@ def nearest(shapes, rays):
 def children_of(scene, rays):
     """The rays that all hits of `rays` send on."""
     level = point_level(prepare_world(scene, SETTINGS), rays, jnp.ones(COUNT, bool), SETTINGS)
-    rays, slot, count = pack_rays(level.children, jnp.ones(COUNT, jnp.int32))
+    rays, slot, count = compact(level.children, jnp.ones(COUNT, jnp.int32))
     return unpacked(rays), jnp.arange(slot.size, dtype=jnp.int32) < count
 
 
@@ -228,7 +228,7 @@ def test_wanted_rays_are_packed_in_order(count, share):
         (jnp.asarray(some), eqx.tree_at(lambda r: r.path_length, rays, x))
         for some, x in zip(wanted, lengths, strict=True)
     ]
-    packed, slot, total = jax.jit(pack_rays)(kinds, jnp.ones(count, jnp.int32))
+    packed, slot, total = jax.jit(compact)(kinds, jnp.ones(count, jnp.int32))
     total = int(total)
     assert total == wanted.sum()
     np.testing.assert_array_equal(unpacked(packed).path_length[:total], lengths[wanted])

@@ -17,7 +17,6 @@ from user_loops import SCENE
 
 from raytrace_jax.inverse.problem.problem import values_and_slopes
 from raytrace_jax.inverse.problem.unknowns import Transform, Unknowns
-from raytrace_jax.util.background import CompileAhead
 from raytrace_jax.util.compilation import forget_programs, jit
 from raytrace_jax.util.kept_programs import keep_programs
 
@@ -72,24 +71,6 @@ def test_a_failed_program_is_tried_again():
     with pytest.raises(ValueError):
         function(one)
     assert float(function(one)) == 2
-
-
-def test_compiling_ahead_has_user_precision():
-    seen, begun, go_on = [], threading.Event(), threading.Event()
-
-    def first():
-        begun.set()
-        go_on.wait()
-        seen.append(jnp.asarray(1.0).dtype)
-
-    with CompileAhead() as ahead:
-        ahead.add(lambda: 1 / 0)  # Its users meet the failure themselves.
-        ahead.add(first)
-        ahead.add(lambda: seen.append("second"))
-        begun.wait()
-    go_on.set()
-    ahead.thread.shutdown(wait=True)
-    assert seen == [jnp.float64]
 
 
 @pytest.fixture

@@ -123,11 +123,6 @@ class SampledPicture:
     def _step_of(self, edges: EdgeMode) -> Float[np.ndarray, "2"] | None:
         return None if edges == "point" else pixel_step(self.problem.scene.camera, self.problem.base)
 
-    def prepare(self) -> None:
-        """Compile what `render` will run, and run nothing."""
-        step = self._step_of(self.edges)
-        self.problem.model.prepare_points(self.problem.scene_at(self.y), self.problem.base, step)
-
     def render(
         self, scenes: Scene, edges: EdgeMode, offsets: Sequence[Sequence[float]] = ((0.0, 0.0),), thin: int = 1
     ) -> Float[np.ndarray, "scenes 3 pixels"]:

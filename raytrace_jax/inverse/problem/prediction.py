@@ -22,8 +22,6 @@ from raytrace_jax.tracer.pixels import (
     PixelDerivatives,
     pixel_colors,
     pixel_derivatives,
-    prepare_colors,
-    prepare_derivatives,
 )
 from raytrace_jax.tracer.radiance import develop_derivatives
 from raytrace_jax.util.compilation import jit
@@ -46,14 +44,11 @@ class ForwardModel(NamedTuple):
 
     Args:
         differentiate: colours of pixels and their derivatives by the traced unknowns.
-        prepare_differentiate, prepare_points: compile what the other two will run, and run nothing.
         points: colours at points of the pictures of several scenes.
     """
 
     differentiate: Callable[..., PixelDerivatives] = pixel_derivatives
-    prepare_differentiate: Callable[..., None] = prepare_derivatives
     points: Callable[..., Float[np.ndarray, "scenes 3 points"]] = pixel_colors
-    prepare_points: Callable[..., None] = prepare_colors
 
 
 @functools.singledispatch

@@ -223,13 +223,6 @@ class Problem:
         picture = dataclasses.replace(picture, sees_edge=None)  # Not a matter of this program.
         return linearize(picture, *self._compared(y, stage), stage.loss)
 
-    def prepare_linearize(self, y: Vector, stage: Stage) -> None:
-        """Compile what `linearize` will run, and run nothing."""
-        self.model.prepare_differentiate(*self._traced(y, stage.edges, stage.binning))
-        target = self.binned(stage.binning).target
-        jacobian = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
-        linearize.prepare(PredictedPicture(target, jacobian), *self._compared(y, stage), stage.loss)
-
     def _compared(self, y: Vector, stage: Stage):
         """The arguments of `linearize` in order, without the picture and the loss."""
         numbers = (stage.blur / stage.binning, stage.loss_scale, stage.noise)

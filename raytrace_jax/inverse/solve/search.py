@@ -218,7 +218,6 @@ def find_minima(
     edges: EdgeMode,
     scanned: bool,
     recorder: Recorder,
-    on_first: Callable[[LocalMinimum], None] = lambda minimum: None,
 ) -> list[LocalMinimum]:
     """Minima on the small pictures, best first.
 
@@ -226,7 +225,6 @@ def find_minima(
 
     Args:
         scanned: whether to look for starts; if not, the scene's values are the only one.
-        on_first: called with the first minimum, of the most promising start, while others are still to come.
 
     Raises:
         PictureError: no start leads to a picture that is finite.
@@ -252,11 +250,8 @@ def find_minima(
             warnings.warn(words, RaytraceWarning, stacklevel=2)
             continue
         # Put its minimum among the others; the best so far is the answer if the fit is stopped.
-        is_first = not minima
         minima = with_minimum(problem, minima, LocalMinimum.of(end, candidate, max(len(levels.blurs) - 1, 0)))
         recorder.found(answer=minima[0].y)
-        if is_first:
-            on_first(minima[0])
     if not minima:
         raise PictureError(
             "the fit has nowhere to begin: the picture of every start, or a derivative of it, is not finite. Look at "

@@ -44,7 +44,7 @@ def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates
     return (within + before[:, None]).astype(jnp.int32).reshape(-1)[: wanted.size]
 
 
-def pack_rays(
+def compact(
     kinds: list[tuple[Bool[Array, " rays"], Rays]], number: Int[Array, " rays"]
 ) -> tuple[PackedRays, Int[Array, "kinds rays"], Int[Array, ""]]:
     """The wanted rays of all kinds, kind after kind; the slot of each candidate, and how many are wanted.
@@ -109,15 +109,16 @@ def combine(settings: ResolvedSettings, results: ChildResult, rays: RayRecord) -
 class Outcome(eqx.Module):
     color: Vectors
     complete: Bool[Array, " rays"]  # Whether all rays of its tree found a place in the queue; what did not is black.
+    traced: Int[Array, ""]  # How many rays there were in all.
     sees_edge: Bool[Array, " rays"] | None = None  # Whether any ray of the pixel's tree sees an edge; None of points.
     first: Hits | None = None  # The camera ray's own hit; None where it is not asked for, as the next one.
     bounce_count: Int[Array, " rays"] | None = None  # The largest after which a ray of its tree still hit something.
 
 
 class Queue(eqx.Module):
-    turn: Int[Array, ""]
-    heads: Int[Array, " turns"]  # The place of each chunk's first ray, of those that are traced and of the next one.
-    starts: Int[Array, " chunks"]  # The place of the first camera ray of each chunk that came in together.
+    wave: Int[Array, ""]  # The number of the next wave.
+    heads: Int[Array, " waves"]  # The place of each wave's first ray, of those that are traced and of the next one.
+    starts: Int[Array, " chunks"]  # The place of the first camera ray of each wave's worth that came in together.
     sent: Int[Array, ""]  # How many camera rays came in.
     tail: Int[Array, ""]  # The place after the last ray; beyond the queue's size if rays found no place.
     rays: PackedRays
@@ -127,146 +128,169 @@ class Queue(eqx.Module):
 RAYS_A_PLACE = 4  # The queue has room for so many times the camera rays that there are places for.
 
 
-def chunk_of(places: int) -> int:
-    size = places * RAYS_A_PLACE
-    # So many stay in a CPU's cache.
-    return min(size // 16, 512) if jax.default_backend() == "cpu" else size // 16
+def write(all_: T, new: T, place: Int[Array, ""]) -> T:
+    """`all_` with other values from a place of the last axis on."""
+    return jax.tree.map(lambda x, y: jax.lax.dynamic_update_slice_in_dim(x, y, place, -1), all_, new)
 
 
-def trace_queue(
-    world: World,
-    camera: Camera,
-    points: Float[Array, "2 places"],
-    step: Float[Array, "2"],
-    count: Int[Array, ""] | int,
-    settings: ResolvedSettings,
-    *,
-    with_hits: bool = False,
-    reversible: bool = False,
-) -> tuple[Queue, ChildResult]:
-    """The queue at the end of tracing camera rays and all that they send on, and what each of its rays brings back.
+class Wavefront(eqx.Module):
+    """How a queue of rays is traced: of which scene, from which pixels, and with which sizes.
 
     Args:
         points: where the pixels look, as `rays_through` has it, and `step`.
         count: how many of them are to be traced, the first ones; what is said of the others has no meaning.
-        reversible: whether the loop has a fixed number of turns, as reverse mode wants; else it ends with the rays.
+        with_hits: whether records say where rays hit, and how often paths bounced.
     """
-    size, chunk = points.shape[1] * RAYS_A_PLACE, chunk_of(points.shape[1])
-    # There is room for all that a last chunk may send on. The last two places stay black: of no child, and of one that
-    # finds no place.
-    room = size + 3 * chunk
-    lost, none = room - 2, room - 1
 
-    def read(all_, head):
-        return jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, head, chunk, -1), all_)
+    world: World
+    camera: Camera
+    points: Float[Array, "2 places"]
+    step: Float[Array, "2"]
+    count: Int[Array, ""] | int
+    settings: ResolvedSettings = eqx.field(static=True)
+    with_hits: bool = eqx.field(static=True, default=False)
 
-    def write(all_, new, place):
-        return jax.tree.map(lambda x, y: jax.lax.dynamic_update_slice_in_dim(x, y, place, -1), all_, new)
+    @property
+    def size(self) -> int:
+        """How many rays the queue traces."""
+        return self.points.shape[1] * RAYS_A_PLACE
 
-    def camera_rays(first) -> PackedRays:
-        u, v = read(points, first)
-        return packed(rays_through(camera, settings, u, v, step), jnp.zeros(chunk, jnp.int32))
+    @property
+    def chunk(self) -> int:
+        """How many rays a wave has: so many stay in a CPU's cache."""
+        return min(self.size // 16, 512) if jax.default_backend() == "cpu" else self.size // 16
 
-    def scatter_chunk(head, tail, some: PackedRays) -> tuple[RayRecord, PackedRays, Array]:
-        live = head + jnp.arange(chunk, dtype=jnp.int32) < jnp.minimum(tail, size)
+    @property
+    def room(self) -> int:
+        """The length of the queue's arrays: there is room for all that a last wave may send on.
+
+        The last two places stay black: of no child, and, before it, of one that finds no place.
+        """
+        return self.size + 3 * self.chunk
+
+    def read(self, all_: T, head: Int[Array, ""]) -> T:
+        """The values of a wave's rays."""
+        return jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, head, self.chunk, -1), all_)
+
+    def camera_rays(self, first: Int[Array, ""]) -> PackedRays:
+        u, v = self.read(self.points, first)
+        return packed(rays_through(self.camera, self.settings, u, v, self.step), jnp.zeros(self.chunk, jnp.int32))
+
+    def scatter(
+        self, head: Int[Array, ""], tail: Int[Array, ""], some: PackedRays
+    ) -> tuple[RayRecord, PackedRays, Int[Array, ""]]:
+        """Intersect and shade a wave: its record, the rays that it sends on, and how many these are."""
+        live = head + jnp.arange(self.chunk, dtype=jnp.int32) < jnp.minimum(tail, self.size)
         # Stored at a place of their own: kernels that read from the middle of a queue are several times as slow.
         some = materialize(some, live)
         rays, number = unpacked(some), some.number
-        level = materialize(trace_level(world, rays, live, number, settings), live)
-        kinds = [(wanted & live & (number < settings.levels), child) for wanted, child in level.children]
+        level = materialize(trace_level(self.world, rays, live, number, self.settings), live)
+        kinds = [(wanted & live & (number < self.settings.levels), child) for wanted, child in level.children]
         depth = number if rays.beam is None else rays.beam.depth
-        places, children, total = jnp.zeros((0, chunk), jnp.int32), some, jnp.zeros_like(tail)
+        places, children, total = jnp.zeros((0, self.chunk), jnp.int32), some, jnp.zeros_like(tail)
         if kinds:
-            children, slot, total = pack_rays(kinds, number + 1)
-            places = jnp.where(slot < slot.size, jnp.minimum(tail + slot, lost), none)
-        si = level.si if with_hits else None
-        all_wanted = jnp.stack([wanted for wanted, _ in level.children]) if with_hits and kinds else None
+            children, slot, total = compact(kinds, number + 1)
+            places = jnp.where(slot < slot.size, jnp.minimum(tail + slot, self.room - 2), self.room - 1)
+        si = level.si if self.with_hits else None
+        all_wanted = jnp.stack([wanted for wanted, _ in level.children]) if self.with_hits and kinds else None
         record = RayRecord(level.scattering, level.si.valid, depth, places, si, all_wanted)
-        return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], chunk)), record), children, total
+        return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], self.chunk)), record), children, total
 
-    def waits(queue: Queue) -> Int[Array, ""]:
-        return jnp.minimum(queue.tail, size) - queue.heads[queue.turn]
+    def waits(self, queue: Queue) -> Int[Array, ""]:
+        """How many rays wait."""
+        return jnp.minimum(queue.tail, self.size) - queue.heads[queue.wave]
 
-    def has_more(queue: Queue) -> Bool[Array, ""]:
-        return (queue.sent < count) & (queue.tail < size)
+    def has_more(self, queue: Queue) -> Bool[Array, ""]:
+        """Whether camera rays may come in."""
+        return (queue.sent < self.count) & (queue.tail < self.size)
 
-    def take_turn(queue: Queue) -> Queue:
-        """Trace the next chunk of rays; camera rays come in where fewer wait. After the last ray nothing changes."""
-        lacks, turn, end = has_more(queue) & (waits(queue) < chunk), queue.turn, jnp.minimum(queue.tail, size)
-        rays = write(queue.rays, only_if(lacks, camera_rays, jnp.where(lacks, queue.sent, 0)), end)
-        starts = queue.starts.at[jnp.where(lacks, queue.sent // chunk, len(queue.starts))].set(end, mode="drop")
-        new = jnp.where(lacks, jnp.minimum(chunk, count - queue.sent), 0)
+    def trace_wave(self, queue: Queue) -> Queue:
+        """Trace the next wave; camera rays come in where fewer wait. After the last ray nothing changes."""
+        lacks, end = self.has_more(queue) & (self.waits(queue) < self.chunk), jnp.minimum(queue.tail, self.size)
+        rays = write(queue.rays, only_if(lacks, self.camera_rays, jnp.where(lacks, queue.sent, 0)), end)
+        place = jnp.where(lacks, queue.sent // self.chunk, len(queue.starts))
+        starts = queue.starts.at[place].set(end, mode="drop")
+        new = jnp.where(lacks, jnp.minimum(self.chunk, self.count - queue.sent), 0)
 
-        head, tail = queue.heads[turn], queue.tail + new
-        end = jnp.minimum(tail, size)
-        traced, children, total = only_if(head < end, scatter_chunk, head, tail, read(rays, head))
-        # Where rays are fewer than a chunk, those that they send on are the next one.
-        heads = queue.heads.at[turn + 1].set(jnp.minimum(head + chunk, end))
+        head, tail = queue.heads[queue.wave], queue.tail + new
+        end = jnp.minimum(tail, self.size)
+        traced, children, total = only_if(head < end, self.scatter, head, tail, self.read(rays, head))
+        # Where rays are fewer than a wave has, those that they send on are the next one.
+        heads = queue.heads.at[queue.wave + 1].set(jnp.minimum(head + self.chunk, end))
         rays, records = write(rays, children, end), write(queue.traced, traced, head)
-        return Queue(turn + 1, heads, starts, queue.sent + new, tail + total, rays, records)
+        return Queue(queue.wave + 1, heads, starts, queue.sent + new, tail + total, rays, records)
 
-    # Down. What ends the queue is a generation of rays a turn.
-    turns = size // chunk + settings.levels + 2
-    start = jnp.zeros((), jnp.int32)
-    first = jax.eval_shape(camera_rays, start)
-    one = jax.eval_shape(scatter_chunk, start, start, first)[0]
-    waiting, nothing = jax.tree.map(lambda x: jnp.zeros((*x.shape[:-1], room), x.dtype), (first, one))
-    heads, starts = jnp.zeros(turns + 1, jnp.int32), jnp.zeros(points.shape[1] // chunk, jnp.int32)
-    queue = Queue(start, heads, starts, start, start, waiting, nothing)
-    queue = repeat(take_turn, queue, lambda queue: has_more(queue) | (waits(queue) > 0), turns, reversible)
+    def blend(self, queue: Queue, wave: Int[Array, ""], results: ChildResult) -> ChildResult:
+        """The results with those of a wave: each ray blends what its children bring back."""
+        head, end = queue.heads[wave], queue.heads[wave + 1]
+        is_own = head + jnp.arange(self.chunk, dtype=jnp.int32) < end
+        blended = combine(self.settings, results, self.read(queue.traced, head))
+        return write(results, select(is_own, blended, self.read(results, head)), head)
 
-    # Up: each ray blends what its children bring back. Places that are not traced stay black.
-    def blend(state):
-        turn, results = state
-        head, end = queue.heads[turn - 1], queue.heads[turn]
-        is_own = head + jnp.arange(chunk, dtype=jnp.int32) < end
-        blended = combine(settings, results, read(queue.traced, head))
-        return turn - 1, write(results, select(is_own, blended, read(results, head)), head)
 
-    own = nothing.scattering
-    sees_edge = None if own.sees_edge is None else jnp.zeros(room, bool)
-    bounce_count = jnp.zeros(room, jnp.int32) if with_hits else None
-    complete = jnp.arange(room, dtype=jnp.int32) == none
-    results = ChildResult(jnp.zeros_like(own.background), complete, sees_edge, bounce_count)
-    _, results = repeat(blend, (queue.turn, results), lambda state: state[0] > 0, turns, reversible)
+def trace_queue(front: Wavefront, reversible: bool = False) -> tuple[Queue, ChildResult]:
+    """The queue at the end of tracing camera rays and all that they send on, and what each of its rays brings back.
+
+    Args:
+        reversible: whether reverse mode can go through it, as `repeat` has it.
+    """
+    # Empty: every place has zeros in the shapes of a wave.
+    start, room = jnp.zeros((), jnp.int32), front.room
+    first = jax.eval_shape(front.camera_rays, start)
+    record = jax.eval_shape(front.scatter, start, start, first)[0]
+    rays, nothing = jax.tree.map(lambda x: jnp.zeros((*x.shape[:-1], room), x.dtype), (first, record))
+    # What ends the queue is a generation of rays a wave.
+    waves = front.size // front.chunk + front.settings.levels + 2
+    heads, starts = jnp.zeros(waves + 1, jnp.int32), jnp.zeros(front.points.shape[1] // front.chunk, jnp.int32)
+    queue = Queue(start, heads, starts, start, start, rays, nothing)
+
+    # Down, wave by wave.
+    def goes_on(queue: Queue) -> Bool[Array, ""]:
+        return front.has_more(queue) | (front.waits(queue) > 0)
+
+    queue = repeat(front.trace_wave, queue, goes_on, waves, reversible)
+
+    # Up, from the last wave to the first. Places that are not traced stay black.
+    sees_edge = None if nothing.scattering.sees_edge is None else jnp.zeros(room, bool)
+    bounce_count = jnp.zeros(room, jnp.int32) if front.with_hits else None
+    complete = jnp.arange(room, dtype=jnp.int32) == room - 1
+    results = ChildResult(jnp.zeros_like(nothing.scattering.background), complete, sees_edge, bounce_count)
+
+    def blend(state: tuple[Array, ChildResult]) -> tuple[Array, ChildResult]:
+        wave = state[0] - 1
+        return wave, front.blend(queue, wave, state[1])
+
+    _, results = repeat(blend, (queue.wave, results), lambda state: state[0] > 0, waves, reversible)
     return queue, results
 
 
-def trace(
-    world: World,
-    camera: Camera,
-    points: Float[Array, "2 places"],
-    step: Float[Array, "2"],
-    count: Int[Array, ""] | int,
-    settings: ResolvedSettings,
-    **options: bool,
-) -> Outcome:
-    """The outcome of each camera ray, by `trace_queue`; its arguments.
+def trace(front: Wavefront, reversible: bool = False) -> Outcome:
+    """The outcome of each camera ray, by `trace_queue`.
 
     Where glass has dispersion one channel is traced after the other, which takes three times as long. What is not a
     colour then comes from the green channel; of edges what any channel sees counts.
     """
-    chunk = chunk_of(points.shape[1])
 
-    def outcome(world: World) -> Outcome:
-        queue, results = trace_queue(world, camera, points, step, count, settings, **options)
+    def outcome(front: Wavefront) -> Outcome:
+        queue, results = trace_queue(front, reversible)
 
         def camera_s(x):
-            each = jax.lax.map(lambda start: jax.lax.dynamic_slice_in_dim(x, start, chunk, -1), queue.starts)
+            each = jax.lax.map(lambda start: front.read(x, start), queue.starts)
             return jnp.moveaxis(each, 0, -2).reshape(*x.shape[:-1], -1)
 
         found, si = jax.tree.map(camera_s, (results, queue.traced.si))
-        complete = found.complete & (jnp.arange(points.shape[1], dtype=jnp.int32) < queue.sent)
-        return Outcome(found.color, complete, found.sees_edge, si, found.bounce_count)
+        complete = found.complete & (jnp.arange(front.points.shape[1], dtype=jnp.int32) < queue.sent)
+        return Outcome(found.color, complete, queue.tail, found.sees_edge, si, found.bounce_count)
 
-    if world.channel_ior is None:
-        return outcome(world)
+    if front.world.channel_ior is None:
+        return outcome(front)
 
     def of_channel(ior):
-        return outcome(eqx.tree_at(lambda w: w.materials.ior, world, ior))
+        return outcome(eqx.tree_at(lambda front: front.world.materials.ior, front, ior))
 
-    each = jax.lax.map(jax.checkpoint(of_channel, prevent_cse=False), world.channel_ior)
+    each = jax.lax.map(jax.checkpoint(of_channel, prevent_cse=False), front.world.channel_ior)
     color = jnp.stack([each.color[channel, channel] for channel in range(3)])
     first, bounce_count = jax.tree.map(lambda x: x[LINE_CHANNEL], (each.first, each.bounce_count))
     sees_edge = None if each.sees_edge is None else jnp.any(each.sees_edge, axis=0)
-    return Outcome(color, jnp.all(each.complete, axis=0), sees_edge, first, bounce_count)
+    complete, traced = jnp.all(each.complete, axis=0), jnp.max(each.traced)
+    return Outcome(color, complete, traced, sees_edge, first, bounce_count)
