@@ -62,7 +62,7 @@ PROGRAMS = {"differentiate": differentiate, "points": points_of}
 
 @forward_model.register
 def _(scene: LinearScene):
-    return ForwardModel(PROGRAMS["differentiate"], lambda *_: None, PROGRAMS["points"], lambda *_: None)
+    return ForwardModel(PROGRAMS["differentiate"], PROGRAMS["points"])
 
 
 def linear_names(count):

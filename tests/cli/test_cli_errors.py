@@ -101,7 +101,7 @@ def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch,
         replace_work(f"pictures.{work}", never)
     for work in ("render.render", "fit.fit", "explain.draw_tree", "explain.make_server"):
         replace_work(work, never)
-    monkeypatch.setattr("raytrace_jax.tracer.derivatives.render", never)
+    monkeypatch.setattr("raytrace_jax.report.differences.render", never)
     monkeypatch.setenv("PATH", "")  # Without ffmpeg.
     monkeypatch.chdir(tmp_path)
     Path("folder.exr").mkdir()

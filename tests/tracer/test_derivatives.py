@@ -12,9 +12,9 @@ from scenes import assignment_scene
 
 import raytrace_jax as rj
 from raytrace_jax import RenderSettings, set_parameters
+from raytrace_jax.report import differences
 from raytrace_jax.report.derivatives import check_derivative, draw_gradients
 from raytrace_jax.report.differences import correlation, finite_differences, relative_error
-from raytrace_jax.tracer import derivatives
 from raytrace_jax.tracer.derivatives import PictureDerivatives
 from raytrace_jax.util.compilation import jit
 
@@ -51,7 +51,7 @@ def test_steps_stay_within_the_limits(monkeypatch):
         value = seen[-1]["cyan.alpha"] + seen[-1]["vitreous.radius"]  # a picture of which each derivative is 1
         return type("Film", (), {"image": jnp.full((3, 2, 2), value)})
 
-    monkeypatch.setattr("raytrace_jax.tracer.derivatives.render", record)
+    monkeypatch.setattr("raytrace_jax.report.differences.render", record)
     for alpha, ends in ((1.0, (1.0, 0.9)), (0.0, (0.1, 0.0)), (0.5, (0.6, 0.4)), (0.03, (0.055, 0.005))):
         scene = rj.set_parameters(assignment_scene(), {"cyan.alpha": alpha, "vitreous.radius": 0.07})
         settings = dataclasses.replace(SETTINGS, edges="aware")
@@ -195,8 +195,8 @@ def differences_of(monkeypatch, picture, **how):
         taken.extend(step for _ in names)
         return np.stack([picture(step) for _ in names])
 
-    monkeypatch.setattr(derivatives, "finite_differences", differ)
-    return derivatives.steady_differences(
+    monkeypatch.setattr(differences, "finite_differences", differ)
+    return differences.steady_differences(
         assignment_scene(), ["vitreous.ior"], RenderSettings(size=(40, 30)), **how
     ), taken
 
@@ -230,6 +230,6 @@ def test_steps_are_halved_while_it_helps(monkeypatch):
 def test_they_are_finite_differences():
     scene = set_parameters(assignment_scene(), {"vitreous.ior": 1.4})
     settings = RenderSettings(size=(24, 18), max_bounces=2)
-    found = derivatives.steady_differences(scene, ["topright.location"], settings, step=1e-3, samples=1)
+    found = differences.steady_differences(scene, ["topright.location"], settings, step=1e-3, samples=1)
     assert found.values.shape == (3, 3, 18, 24) and len(found.spreads) == len(found.steps) == 3
     assert max(found.spreads) < 0.05  # light is smooth

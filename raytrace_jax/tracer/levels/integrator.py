@@ -6,6 +6,7 @@ however deep the rays' trees are. The course's classic model clamps colours at e
 afterwards, from the last chunk to the first, when those of a ray's children are known.
 """
 
+import dataclasses
 import functools
 from typing import TypeVar
 
@@ -133,7 +134,8 @@ def write(all_: T, new: T, place: Int[Array, ""]) -> T:
     return jax.tree.map(lambda x, y: jax.lax.dynamic_update_slice_in_dim(x, y, place, -1), all_, new)
 
 
-class Wavefront(eqx.Module):
+@dataclasses.dataclass(frozen=True, eq=False)
+class Wavefront:
     """How a queue of rays is traced: of which scene, from which pixels, and with which sizes.
 
     Args:
@@ -147,8 +149,8 @@ class Wavefront(eqx.Module):
     points: Float[Array, "2 places"]
     step: Float[Array, "2"]
     count: Int[Array, ""] | int
-    settings: ResolvedSettings = eqx.field(static=True)
-    with_hits: bool = eqx.field(static=True, default=False)
+    settings: ResolvedSettings
+    with_hits: bool = False
 
     @property
     def size(self) -> int:
@@ -286,7 +288,8 @@ def trace(front: Wavefront, reversible: bool = False) -> Outcome:
         return outcome(front)
 
     def of_channel(ior):
-        return outcome(eqx.tree_at(lambda front: front.world.materials.ior, front, ior))
+        world = eqx.tree_at(lambda world: world.materials.ior, front.world, ior)
+        return outcome(dataclasses.replace(front, world=world))
 
     each = jax.lax.map(jax.checkpoint(of_channel, prevent_cse=False), front.world.channel_ior)
     color = jnp.stack([each.color[channel, channel] for channel in range(3)])
