@@ -64,7 +64,7 @@ MUTATIONS = {
         "tracer/levels/integrator.py", "rank - 1, wanted.size)", "rank, wanted.size)", "geometry render"
     ),
     "queue_place": Mutation(
-        "tracer/levels/integrator.py", "tail + slot, lost)", "tail + slot + 1, lost)", "classic render"
+        "tracer/levels/integrator.py", "jnp.minimum(tail + slot,", "jnp.minimum(tail + slot + 1,", "classic render"
     ),
     "edge_of_a_ball": Mutation(
         "tracer/geometry/sphere.py", "1) * (-1 / radius)", "1) * (1 / radius)", "visibility footprints"

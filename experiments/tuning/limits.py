@@ -26,7 +26,7 @@ def rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
             exact = picture_derivatives(scene, [alpha], how).values[0]
             errors = []
             for value in HALVINGS:
-                with replaced({"tracer.derivatives:HALVINGS": value}):
+                with replaced({"report.differences:HALVINGS": value}):
                     difference = finite_differences(scene, [alpha], how, step=step, samples=1)[0]
                 errors.append(relative_error(np.asarray(difference), exact))
             yield [name, f"{step:g}", f"{share:g} steps", " ".join(f"{error:.1e}" for error in errors)]
