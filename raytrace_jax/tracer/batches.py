@@ -118,8 +118,9 @@ def in_batches(
                     all_[picture][..., numbers[done]] = x[slot][..., : len(numbers)][..., done]
                 if not done.all():
                     again[picture].append(numbers[~done])
-                    # A pixel that alone fills a queue wants a larger one.
-                    rays = max(rays, 1.1 * queue / max(np.sum(done), 0.5))
+                    # At most a quarter as many; of one pixel the queue is larger then.
+                    more = min(1.1 * len(numbers) / max(np.sum(done), 1), 4)
+                    rays = max(rays, more * queue / len(numbers))
         left = [np.sort(np.concatenate(numbers)) for numbers in again]
     return found, 0
 
