@@ -36,15 +36,6 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 PACKAGE = Path(__file__).parents[1] / "raytrace_jax"
 EDGES = ("__init__", "error_bars", "options", "residual_function", "resolved_settings", "settings")
 EDGES += ("result", "result_file")
-    "__init__",
-    "error_bars",
-    "options",
-    "residual_function",
-    "resolved_settings",
-    "result",
-    "result_file",
-    "settings",
-)
 CORE = [path for room in ("optics", "tracer", "inverse") for path in sorted((PACKAGE / room).rglob("*.py"))]
 CORE = [path for path in CORE if path.stem not in EDGES]
 CORE += [PACKAGE / name for name in ("scene/scene.py", "scene/structs.py", "util/numerics.py")]
