@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -67,6 +68,29 @@ def ray_budget(settings: ResolvedSettings, step: Float[np.ndarray, "2"]) -> floa
     if settings.rays_per_pixel is not None:
         return float(settings.rays_per_pixel)
     return 10.0 if settings.edges == "point" else max(20.0, 96 / (1 + 1 / (60 * float(step[0]))))
+
+
+def refuse_overflow(
+    complete: Bool[Array, " places"], count: Int[Array, ""], dtype: np.dtype, settings: ResolvedSettings
+) -> Float[Array, ""]:
+    """One, or an error while the program runs: some of the first `count` pixels are not complete, and `throw` is on.
+
+    It is a factor of a batch's colours, and so of their derivatives. An error of the whole picture would be lost with
+    it where only derivatives are in use, or reverse mode would trace the picture once more for it.
+    """
+    if not settings.throw or settings.rays_per_pixel is None:
+        return jnp.ones((), dtype)
+    # What is missing is not known, for trees that are not complete may grow: the share of those that are is a hint.
+    factors = 2.0 ** np.arange(1, 4)
+    said = [
+        f"rays of a picture found no room, {settings.rays_per_pixel:g} for each of its pixels: state RenderSettings("
+        f"rays_per_pixel={np.ceil(factor * settings.rays_per_pixel):g}) or more, or count such pixels by throw=False "
+        "and film.overflow."
+        for factor in factors
+    ]
+    wanted, done = jnp.asarray(count, jnp.float32), jnp.sum(complete, dtype=jnp.float32)
+    index = jnp.searchsorted(np.float32(factors[:-1]), np.float32(1.2) * wanted / jnp.maximum(done, 1))
+    return eqx.branched_error_if(jnp.ones((), dtype), done < wanted, index, said)
 
 
 def batch_sizes(rays_per_pixel: float, settings: ResolvedSettings) -> tuple[int, int]:

@@ -15,16 +15,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.scene.scene import Scene, map_scenes, without_texels
+from raytrace_jax.scene.scene import Camera, Scene, map_scenes, without_texels
 from raytrace_jax.scene.slabs import surface_owners
-from raytrace_jax.tracer.batches import Batches, Points, TracePoints, in_batches, map_batches
+from raytrace_jax.tracer.batches import (
+    Batches,
+    Points,
+    TracePoints,
+    in_batches,
+    map_batches,
+    ray_budget,
+    refuse_overflow,
+)
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.levels.integrator import Wavefront, trace
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import AOVS
 from raytrace_jax.tracer.shading.image_texture import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
-from raytrace_jax.tracer.world import prepare_world
+from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import materialize
 
@@ -115,6 +123,13 @@ def pixel_colors(
     return pixel_outputs(map_scenes(np.asarray, scenes), pixels, _of_colors(settings, step))[0]["color"]
 
 
+def rays_of(settings: ResolvedSettings, pixels: Pixels, trace_points: TracePoints) -> ResolvedSettings:
+    """The settings as far as they matter to rays; within a transformation with the number that there is room for."""
+    if trace_points is in_batches:
+        return settings.of_rays
+    return dataclasses.replace(settings.of_rays, throw=settings.throw, rays_per_pixel=ray_budget(settings, pixels.step))
+
+
 def pixel_outputs(
     scenes: Scene,
     pixels: Pixels,
@@ -129,9 +144,11 @@ def pixel_outputs(
     """
     scenes, names = dataclasses.replace(scenes, film=None), ("color", *settings.aov)
 
+    rays = rays_of(settings, pixels, trace_points)
+
     def program(batches: Batches):
         own = map_scenes(lambda x: x[batches.picture], scenes)
-        found, complete = color_batches(own, batches, settings.of_rays, settings.aov, reversible)
+        found, complete = color_batches(own, batches, rays, settings.aov, reversible)
         return tuple(found[name] for name in names), complete
 
     viewpoint = scenes.camera.viewpoint
@@ -155,18 +172,27 @@ def color_batches(
         reversible: whether reverse mode can go through it.
     """
 
-    def one_batch(pyramids: tuple[Pyramid, ...], scene: Scene, points: Float[Array, "2 places"], count, step):
-        world = materialize(prepare_world(scene, settings, pyramids), count > 0)
-        found = trace(Wavefront(world, scene.camera, points, step, count, settings, bool(aov)), reversible)
+    def lay_out(pyramids: tuple[Pyramid, ...], scene: Scene) -> tuple[World, Camera]:
+        return prepare_world(scene, settings, pyramids), scene.camera
+
+    def one_batch(common: Any, scene: Any, points: Float[Array, "2 places"], count, step):
+        world, camera = common if reversible else materialize(lay_out(common, scene), count > 0)
+        found = trace(Wavefront(world, camera, points, step, count, settings, bool(aov)), reversible)
         first: Any = found.first
         variables = {name: jnp.where(first.valid, AOVS[name].value(found), AOVS[name].missing) for name in aov}
         if "shape_index" in aov and scenes.slabs.names:
             owners = jnp.asarray([*surface_owners(scenes).values()], jnp.int32)
             variables["shape_index"] = jnp.where(first.valid, owners[first.shape], AOVS["shape_index"].missing)
-        return {"color": found.color, **variables}, found.complete
+        one = refuse_overflow(found.complete, count, found.color.dtype, settings)
+        return {"color": found.color * one, **variables}, found.complete
 
-    # Textures are filtered once for all batches: a loop would filter them again for each.
-    return map_batches(one_batch, prepare_pyramids(scenes, settings.edges), without_texels(scenes), batches, reversible)
+    # Textures are filtered once for all batches: a loop would filter them again for each. In reverse mode all batches
+    # are of one scene, which is laid out once, too.
+    pyramids, bare = prepare_pyramids(scenes, settings.edges), without_texels(scenes)
+    if reversible:
+        common = lay_out(pyramids, jax.tree.map(lambda x: x[0, 0], bare))
+        return map_batches(one_batch, common, (), batches, reversible)
+    return map_batches(one_batch, pyramids, bare, batches, reversible)
 
 
 def pixel_derivatives(
@@ -179,10 +205,10 @@ def pixel_derivatives(
     reversible: bool = False,
 ) -> PixelDerivatives:
     """Radiance of pixels and its derivatives by `y` in forward mode; the settings say `edges`."""
-    y = jnp.asarray(y)
+    y, rays = jnp.asarray(y), rays_of(settings, pixels, trace_points)
 
     def program(batches: Batches):
-        return differentiate_batches(y, scene, batches, unknowns, settings.of_rays, reversible)
+        return differentiate_batches(y, scene, batches, unknowns, rays, reversible)
 
     def at(points: Points):
         found, overflow = trace_points(1, points.astype(y.dtype), pixels.step, settings, program)
@@ -207,7 +233,8 @@ def differentiate_batches(
             world = materialize(prepare_world(moved, settings, pyramids), count > 0)
             found = trace(Wavefront(world, moved.camera, points, step, count, settings), reversible)
             sees_edge = jnp.zeros(points.shape[1], bool) if found.sees_edge is None else found.sees_edge
-            return found.color, (sees_edge, found.complete)
+            one = refuse_overflow(found.complete, count, found.color.dtype, settings)
+            return found.color * one, (sees_edge, found.complete)
 
         # Forward mode: the picture is traced once, and all derivatives ride along.
         def derivative(direction):

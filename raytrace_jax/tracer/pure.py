@@ -1,20 +1,17 @@
-"""The picture as a part of a caller's program: its derivatives, and an error where rays find no room."""
+"""The picture as a part of a caller's program, and the rules of its derivatives."""
 
 import dataclasses
 import functools
-from typing import Any, TypeVar
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.scene.response import develop
 from raytrace_jax.scene.scene import Scene, without_texels
-from raytrace_jax.tracer.batches import in_one_call, ray_budget
+from raytrace_jax.tracer.batches import in_one_call
 from raytrace_jax.tracer.film import Film, Image
-from raytrace_jax.tracer.geometry.camera import pixel_step
 from raytrace_jax.tracer.pixels import SceneFunction
 from raytrace_jax.tracer.radiance import (
     Jacobian,
@@ -27,35 +24,13 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import instantiated, is_zero, with_lower_ranks
 
-T = TypeVar("T")
-
 
 @functools.partial(jit, static_argnames="settings")
 def pure_picture(scene: Scene, settings: ResolvedSettings) -> Film:
     """The picture; without `edges` it is that of points, and its derivative that of areas."""
     image, aov, overflow = pure_radiance(dataclasses.replace(scene, film=None), settings)
     image = develop(image, scene.film, settings.frame(scene.camera.pixeldim))
-    return Film(refuse_overflow(image, overflow, scene, settings), aov, overflow)
-
-
-def refuse_overflow(values: T, overflow: Any, scene: Scene, settings: ResolvedSettings) -> T:
-    """The values themselves; an error while the program runs, if rays found no room and the settings refuse that."""
-    if not settings.throw:
-        return values
-    # What is missing is not known, for trees that are not complete may grow: the share of those that are is a hint.
-    budget = ray_budget(settings.of_derivative, pixel_step(scene.camera, settings))
-    _, _, width, height = settings.window(scene.camera.pixeldim)
-    samples, factors = width * height * settings.samples**2, 2.0 ** np.arange(1, 7)
-    said = [
-        f"rays of a picture found no room, {budget:g} for each of its pixels: state RenderSettings(rays_per_pixel="
-        f"{np.ceil(factor * budget):g}) or more, or count such pixels by throw=False and film.overflow."
-        for factor in factors
-    ]
-    complete = jnp.maximum(samples - overflow, samples // 4).astype(jnp.float32)
-    index = jnp.searchsorted(np.float32(factors[:-1]), np.float32(1.2 * samples) / complete)
-    # A factor, so that derivatives have it, too: where nobody uses the picture no error of it would be raised.
-    one = eqx.branched_error_if(jnp.ones((), scene.camera.viewpoint.dtype), overflow > 0, index, said)
-    return jax.tree.map(lambda x: x * one, values)
+    return Film(image, aov, overflow)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(1, 2))
@@ -121,8 +96,8 @@ def picture_jacobian(
     """The picture at `y` and its derivatives; those of points can be differentiated again."""
     is_point = settings.edges == "point"
     fixed = (y, scene) if is_point else not_differentiable((y, scene))
-    image, jacobian, overflow = radiance_derivatives(fixed[0], fixed[1], unknowns, settings, in_one_call, is_point)
+    image, jacobian, _ = radiance_derivatives(fixed[0], fixed[1], unknowns, settings, in_one_call, is_point)
     if scene.film is not None:
         frame = settings.frame(scene.camera.pixeldim)
         image, jacobian = develop_derivatives(image, jacobian, y, without_texels(scene), unknowns, frame)
-    return refuse_overflow((image, jacobian), overflow, scene, settings)
+    return image, jacobian
