@@ -34,8 +34,11 @@ QUEUE = {"point": 1 << 14, "aware": 1 << 15}
 Each batch ends with a dozen chunks that are not full, and begins with an empty queue. A hundred pictures of 20 x 15 on
 two devices take .037 s (course by points; .048 s with twice as many rays), and .46 s by areas (1.05 s with half)."""
 
-FIRST_GUESS = {"point": 5.0, "aware": 12.0}
-"""Rays a pixel, of pixels that can be traced again: half of these and twice as many take as long."""
+FIRST_SHARE = {"point": 0.5, "aware": 0.8}
+"""Share of `ray_budget` that pixels are first given which can be traced again.
+
+The budget suffices for many scenes. Batches that are fuller take less time, and those that are too full cost the rays
+of pixels that are not complete."""
 
 
 class Batches(NamedTuple):
@@ -118,7 +121,8 @@ def in_batches(
 ) -> tuple[list[np.ndarray], int]:
     """As `TracePoints`, outside of JAX's transformations: until no point lacks room."""
     total, devices = points.shape[1], jax.device_count()
-    left, rays, found = [np.arange(total)] * pictures, FIRST_GUESS[settings.edges or "aware"], list[np.ndarray]()
+    rays = FIRST_SHARE[settings.edges or "aware"] * ray_budget(settings, step)
+    left, found = [np.arange(total)] * pictures, list[np.ndarray]()
     while any(map(len, left)):
         queue, most = batch_sizes(rays, settings)
         if pictures == 1 and len(left[0]) * rays > queue / 8:  # Enough for all devices.
