@@ -2,7 +2,8 @@
 
 A batch's queue has a fixed size, and pixels whose rays found no place in it are not complete. Outside of JAX's
 transformations these are traced again, fewer a batch, and nothing is compiled anew. Within one nothing can be traced
-again: so many pixels share a queue that `rays_per_pixel` of the settings suffice, and incomplete ones are counted.
+again: so many pixels share a queue that `rays_per_pixel` of the settings suffice, and incomplete ones are an error or
+are counted.
 """
 
 import math

@@ -143,7 +143,6 @@ def pixel_outputs(
         scenes: stacked, as by `map_scenes`.
     """
     scenes, names = dataclasses.replace(scenes, film=None), ("color", *settings.aov)
-
     rays = rays_of(settings, pixels, trace_points)
 
     def program(batches: Batches):
@@ -178,12 +177,14 @@ def color_batches(
     def one_batch(common: Any, scene: Any, points: Float[Array, "2 places"], count, step):
         world, camera = common if reversible else materialize(lay_out(common, scene), count > 0)
         found = trace(Wavefront(world, camera, points, step, count, settings, bool(aov)), reversible)
+        one = refuse_overflow(found.complete, count, found.color.dtype, settings)
         first: Any = found.first
-        variables = {name: jnp.where(first.valid, AOVS[name].value(found), AOVS[name].missing) for name in aov}
+        # The error is asked for here, too: who takes the variables alone may not use the colour.
+        valid = first.valid & (one > 0) if aov else None
+        variables = {name: jnp.where(valid, AOVS[name].value(found), AOVS[name].missing) for name in aov}
         if "shape_index" in aov and scenes.slabs.names:
             owners = jnp.asarray([*surface_owners(scenes).values()], jnp.int32)
-            variables["shape_index"] = jnp.where(first.valid, owners[first.shape], AOVS["shape_index"].missing)
-        one = refuse_overflow(found.complete, count, found.color.dtype, settings)
+            variables["shape_index"] = jnp.where(valid, owners[first.shape], AOVS["shape_index"].missing)
         return {"color": found.color * one, **variables}, found.complete
 
     # Textures are filtered once for all batches: a loop would filter them again for each. In reverse mode all batches

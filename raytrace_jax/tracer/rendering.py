@@ -40,8 +40,9 @@ def render(scene: Scene, settings: RenderSettings | None = None) -> Film:
         SceneError: a number of the scene is not finite, or not a value that its attribute can have; of a traced scene
             nobody knows.
         PictureError: there is no memory for such a picture.
-        RuntimeError: a transformed picture wants more rays than `rays_per_pixel` of the settings; the message, within
-            that of JAX, says how many. Without a transformation there is room for all.
+        RuntimeError, ValueError: as JAX raises an error of a running program: a transformed picture wants more rays
+            than `rays_per_pixel` of the settings. The message, within that of JAX, says what to state. Without a
+            transformation there is room for all.
     """
     settings = resolve_settings(scene, settings)
     refuse_too_large(scene, settings)

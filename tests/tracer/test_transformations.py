@@ -184,6 +184,12 @@ def test_who_obeys_the_error_comes_to_an_end(edges):
     np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 
+def test_overflow_raises_where_only_a_depth_is_used():
+    how = dataclasses.replace(TIGHT, edges="point", aov=("depth",))
+    with pytest.raises(Exception, match="rays of a picture found no room"):
+        jax.block_until_ready(jax.jit(lambda x: render(scene_at(x), how).aov["depth"])(AT))
+
+
 def test_overflow_is_counted_where_it_may_be():
     how = dataclasses.replace(TIGHT, edges="point", throw=False)
     film = jax.jit(lambda x: render(scene_at(x), how))(AT)
