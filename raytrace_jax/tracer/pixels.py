@@ -180,7 +180,7 @@ def color_batches(
         one = refuse_overflow(found.complete, count, found.color.dtype, settings)
         first: Any = found.first
         # The error is asked for here, too: who takes the variables alone may not use the colour.
-        valid = first.valid & (one > 0) if aov else None
+        valid: Any = first.valid & (one > 0) if aov else None
         variables = {name: jnp.where(valid, AOVS[name].value(found), AOVS[name].missing) for name in aov}
         if "shape_index" in aov and scenes.slabs.names:
             owners = jnp.asarray([*surface_owners(scenes).values()], jnp.int32)
