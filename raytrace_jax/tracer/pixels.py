@@ -127,7 +127,8 @@ def rays_of(settings: ResolvedSettings, pixels: Pixels, trace_points: TracePoint
     """The settings as far as they matter to rays; within a transformation with the number that there is room for."""
     if trace_points is in_batches:
         return settings.of_rays
-    return dataclasses.replace(settings.of_rays, throw=settings.throw, rays_per_pixel=ray_budget(settings, pixels.step))
+    room = ray_budget(settings, pixels.step, pixels.points.shape[1])
+    return dataclasses.replace(settings.of_rays, throw=settings.throw, rays_per_pixel=room)
 
 
 def pixel_outputs(

@@ -115,8 +115,8 @@ class RenderSettings(Checked):
     it 1e-6."""
     rays_per_pixel: Annotated[float | None, Wanted(metavar="N", least=1, below=1e6)] = None
     """How many rays there is room for, on the mean of all pixels, within a transformation of JAX, where sizes are fixed
-    before the scene is known. Without it 10, or with slabs 64, and edge-aware 20 to 80, the more the larger pixels are.
-    Elsewhere there is room for all."""
+    before the scene is known. Without it 10, or with slabs 64, and edge-aware 20 to 80, the more the larger pixels are;
+    of a crop up to ten times as many. Elsewhere there is room for all."""
     throw: bool = True
     """Raise an error where rays find no room; off, they are black, and the film's overflow counts them."""
 

@@ -198,6 +198,14 @@ def test_overflow_is_counted_where_it_may_be():
     assert wanted.overflow == 0 and 0 < wrong.sum() <= int(film.overflow) < wrong.size
 
 
+def test_a_crop_has_room_for_more_than_the_mean():
+    """All pixels of this one see both faces of the glass ball: they want more rays than the picture's do on the mean."""
+    how = RenderSettings(size=(64, 48), crop=(24, 16, 4, 4), edges="aware")
+    tight = dataclasses.replace(how, rays_per_pixel=46, throw=False)
+    assert jax.jit(lambda x: render(scene_at(x), tight).overflow)(AT) > 0
+    np.testing.assert_allclose(jax.jit(lambda x: render(scene_at(x), how).image)(AT), render(scene_at(AT), how).image)
+
+
 @pytest.mark.slow
 def test_an_unjitted_gradient_compiles_once():
     gradient = jax.grad(lambda x: render(scene_at(x), SETTINGS).image.mean())
