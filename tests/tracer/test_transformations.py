@@ -199,7 +199,7 @@ def test_overflow_is_counted_where_it_may_be():
 
 
 def test_a_crop_has_room_for_more_than_the_mean():
-    """All pixels of this one see both faces of the glass ball: they want more rays than the picture's do on the mean."""
+    """All of its pixels see both faces of the glass ball, and want more rays than the picture on the mean."""
     how = RenderSettings(size=(64, 48), crop=(24, 16, 4, 4), edges="aware")
     tight = dataclasses.replace(how, rays_per_pixel=46, throw=False)
     assert jax.jit(lambda x: render(scene_at(x), tight).overflow)(AT) > 0
