@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from linear_fit import linear_problem
+from linear_pictures import state_at
 
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem.linearize import LOSSES
-from raytrace_jax.inverse.solve.solvers import gauss_newton_step
+from raytrace_jax.inverse.solve.solvers import gauss_newton_step, promised_decrease, step_to_minimum
 
 NAMES = sorted(LOSSES)
 DEFINITIONS = {"l2": lambda r, s: r**2 / 2, "cauchy": lambda r, s: s**2 / 2 * np.log1p((r / s) ** 2)}
@@ -89,5 +90,23 @@ def test_a_robust_step_meets_linear_targets(name):
     problem = linear_problem(columns, np.tensordot(truth, columns, 1))
     found = problem.linearize(problem.start(), Stage("point", loss=name, loss_scale=0.05))
     np.testing.assert_allclose(gauss_newton_step(found), truth, rtol=1e-9)
+    state = state_at(problem, stage=Stage("point", loss=name, loss_scale=0.05))
+    np.testing.assert_allclose(step_to_minimum(state, found), truth, rtol=1e-9)
     residual = jnp.asarray(-np.tensordot(truth, columns, 1))
     assert found.cost == pytest.approx(0.5 * float(jnp.sum(LOSSES[name].residual(residual, jnp.asarray(0.05)) ** 2)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("priors", [{}, {"a.center.x": (2.99, 1e-3)}])
+def test_one_step_ends_at_the_minimum_of_noise(name, priors):
+    """Residuals are linear, their weights are not; some are outliers, and most are roundings of unequal size."""
+    random = np.random.default_rng(7)
+    columns = random.normal(size=(2, 3, 24, 32))
+    noise = random.normal(size=columns.shape[1:]) * 10 ** random.uniform(-3, 0, size=columns.shape[1:])
+    problem = linear_problem(columns, np.tensordot([3.0, -2.0], columns, 1) + noise, priors=priors)
+    stage = Stage("point", loss=name, loss_scale=0.1, noise=0.05)
+    near = state_at(problem, problem.array([3.05, -2.02]), stage)
+    there = near.y + step_to_minimum(near, near.linearization)
+    end = state_at(problem, there, stage)
+    assert promised_decrease(end.linearization) < 1e-6 * promised_decrease(near.linearization)
+    assert end.linearization.cost <= near.linearization.cost

@@ -273,8 +273,13 @@ class FitState:
         """Root mean square of the unblurred, weighted residual over the numbers that count."""
         return float(np.linalg.norm(self.residual) / np.sqrt(max(self.observation.count, 1)))
 
-    def under_loss(self, what: Literal["residual", "weight", "score"], scale: float | None = None) -> Image:
-        """A function of the loss at each residual, at its own scale or at another one; see `Loss`."""
-        residual = jnp.asarray(self.residual)
-        at = jnp.asarray(self.stage.loss_scale if scale is None else scale, residual.dtype)
+    def under_loss(
+        self,
+        what: Literal["residual", "weight", "score"],
+        scale: float | None = None,
+        residual: Image | None = None,
+    ) -> Image:
+        """A function of the loss at each residual, its own or another one, and at its own scale or another; `Loss`."""
+        residual = self.problem.array(self.residual if residual is None else residual)
+        at = self.problem.array(self.stage.loss_scale if scale is None else scale)
         return np.asarray(evaluate(self.stage.loss, what, residual, at), np.float64)

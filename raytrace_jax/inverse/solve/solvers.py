@@ -18,7 +18,7 @@ from raytrace_jax.inverse.problem.linearize import Linearization
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Values, Vector
 from raytrace_jax.inverse.solve.steps import Record, project_gradient, shorten_step
-from raytrace_jax.util.numerics import TINY
+from raytrace_jax.util.numerics import TINY, solve_normal
 
 
 def minimise(
@@ -39,7 +39,8 @@ def minimise(
         seen = look(to) if number else start
         best, to, memory = method.step(best, seen, memory)
         settled = method.terminate(best, memory)
-        record(best.linearization.cost, best.linearization is seen.linearization, best.y)
+        if number or not start.settled:  # The end of another solve is recorded.
+            record(best.linearization.cost, best.linearization is seen.linearization, best.y)
         if settled is not None:
             return dataclasses.replace(best, settled=settled)
     return best
@@ -193,8 +194,7 @@ class GaussNewton:
         free = project_gradient(seen)
         promised = promised_decrease(free)
         in_vain = 0 if promised < 0.5 * memory.promised else memory.in_vain + 1
-        # The loss's own curvature makes longer steps than its weights, which overshoot where residuals are roundings.
-        step, here = gauss_newton_step(free, curved=in_vain == 0), np.asarray(seen.y)
+        step, here = step_to_minimum(seen, free), np.asarray(seen.y)
         to = shorten_step(problem, seen.y, seen.y + step)
         rounding = resolution(here.dtype) * np.maximum(np.abs(here), 1)
         move = 0.0 if np.all(np.abs(np.asarray(to) - here) <= rounding) else move_in_errors(free)
@@ -224,30 +224,45 @@ def promised_decrease(linearization: Linearization) -> float:
     return float(np.sum(spanned**2))
 
 
-def gauss_newton_step(linearization: Linearization, curved: bool = True) -> Values:
-    """The step to the minimum of the loss near a point; it is 0 along what the picture does not determine.
-
-    Least squares with the loss's weights take the weights for fixed and come up short, since a residual that grows
-    counts less: each step leaves `1 - E rho'' / E w` of the error, two fifths beside Gaussian noise. So if `curved` the
-    loss's own curvature is taken where there are no more outliers than that (Holland and Welsch 1977).
-    """
-    triangle, residual, curvature = (
-        np.asarray(part, np.float64)
-        for part in (linearization.jacobian, linearization.residual, linearization.curvature)
-    )
-    if not all(np.isfinite(part).all() for part in (triangle, residual, curvature)):
+def gauss_newton_step(linearization: Linearization) -> Values:
+    """The step to the minimum of the sum of squares near a point; it is 0 along what the picture does not determine."""
+    triangle, residual = (np.asarray(part, np.float64) for part in (linearization.jacobian, linearization.residual))
+    if not (np.isfinite(triangle).all() and np.isfinite(residual).all()):
         return np.zeros(triangle.shape[1])  # Squares beyond the dtype: no step is known.
-    # Directions in which the weighted problem's `J^T J` is the identity.
     pulls, strengths, directions = np.linalg.svd(triangle, full_matrices=False)
     strong = strengths > RANK_TOLERANCE * max(strengths[0], TINY)
-    whiten = (directions[strong] / strengths[strong, None]).T
-    pull = pulls[:, strong].T @ residual
-    bends, turned = np.linalg.eigh(whiten.T @ curvature @ whiten)
-    # A loss that curves up by less than a quarter of its weights in some direction sees outliers first. A step from
-    # there is that of its weights, which does not overshoot.
-    if curved and len(bends) and bends[0] > 0.25:
-        pull = turned @ ((turned.T @ pull) / bends)
-    return -whiten @ pull
+    return -directions[strong].T @ (pulls[:, strong].T @ residual / strengths[strong])
+
+
+def step_to_minimum(state: FitState, free: Linearization) -> Values:
+    """The step to the minimum of the loss near a point, where residuals are linear in the unknowns.
+
+    Least squares with the loss's weights take the weights for fixed and come up short, since a residual that grows
+    counts less: each such step leaves `1 - E rho'' / E w` of the error, two fifths beside Gaussian noise, and more
+    where most residuals are roundings. Weights cost little beside a picture. So they follow the step, until it ends
+    (iteratively reweighted least squares: Holland and Welsch 1977). The loss falls with each.
+
+    Args:
+        free: the state's linearisation without the columns of the unknowns that stay.
+    """
+    step, problem, stage = gauss_newton_step(free), state.problem, state.stage
+    if stage.loss == "l2" or not step.any():
+        return step
+    moves = np.any(np.asarray(free.jacobian) != 0, axis=0)
+    residual, count = np.asarray(state.residual, np.float64), len(moves)
+    columns = np.asarray(state.linearization.pixel_jacobian, np.float64) * moves[:, None, None, None]
+    mean, precision = (np.asarray(part, np.float64) for part in (problem.prior.mean, problem.prior.precision))
+    pull = stage.noise * precision * (problem.values(state.y) - mean)
+    slope = stage.noise * precision * problem.slopes(state.y) * moves
+    for _ in range(30):
+        left = residual + np.tensordot(step, columns, 1)
+        weighted = (columns * state.under_loss("weight", residual=left)).reshape(count, -1)
+        normal = weighted @ columns.reshape(count, -1).T + np.diag(slope**2)
+        further = -solve_normal(normal, weighted @ left.reshape(-1) + slope * (pull + slope * step))
+        step = step + further
+        if further @ normal @ further < 1e-6 * (step @ normal @ step):
+            break
+    return step
 
 
 def move_in_errors(linearization: Linearization) -> float:
