@@ -148,7 +148,7 @@ def film_candidates(
             step, is_squared = stated or effect.step, effect.is_squared and not stated
             moved = values.copy()
             moved[places] += math.hypot(value, step) - value if is_squared else step
-            moved = jnp.asarray(moved.reshape(effect.attribute.shape))
+            moved = on_device(moved.reshape(effect.attribute.shape))
             change = developed(dataclasses.replace(film, **{effect.name: moved})) - before
             rows = pixels.sampled.of(change / (step**2 if is_squared else step)) * pixels.root_weight
             linear = math.inf if effect.is_linear or effect.unit != "%" else 0.5 * value

@@ -33,6 +33,7 @@ from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.pixels import Pixels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.util.numerics import on_device
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,7 +145,7 @@ class Problem:
 
         They go by way of the host: an array on several devices is another kind of argument, and would compile anew.
         """
-        return jnp.asarray(np.asarray(values), self.observation.target.dtype)
+        return on_device(values, self.observation.target.dtype)
 
     def y_of(self, values: Values) -> Vector:
         """The unknowns that give these values."""
@@ -275,6 +276,6 @@ class FitState:
 
     def under_loss(self, what: Literal["residual", "weight", "score"], scale: float | None = None) -> Image:
         """A function of the loss at each residual, at its own scale or at another one; see `Loss`."""
-        residual = jnp.asarray(self.residual)
-        at = jnp.asarray(self.stage.loss_scale if scale is None else scale, residual.dtype)
+        residual = self.residual
+        at = np.asarray(self.stage.loss_scale if scale is None else scale, residual.dtype)
         return np.asarray(evaluate(self.stage.loss, what, residual, at), np.float64)

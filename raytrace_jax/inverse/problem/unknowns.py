@@ -293,4 +293,4 @@ def make_prior(priors: Priors, unknowns: Unknowns, dtype: jnp.dtype) -> Prior:
             )
         place = unknowns.names.index(name)
         mean[place], precision[place] = middle, 1 / deviation
-    return Prior(jnp.asarray(mean, dtype), jnp.asarray(precision, dtype))
+    return Prior(on_device(mean, dtype), on_device(precision, dtype))

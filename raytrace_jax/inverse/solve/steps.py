@@ -69,7 +69,7 @@ def project_gradient(state: FitState) -> Linearization:
         return linearization
     triangle = np.asarray(linearization.jacobian)
     downhill = -triangle.T @ np.asarray(linearization.residual)
-    return dataclasses.replace(linearization, jacobian=jnp.asarray(np.where(side * downhill > 0, 0, triangle)))
+    return dataclasses.replace(linearization, jacobian=on_device(np.where(side * downhill > 0, 0, triangle)))
 
 
 class LocalMinimum(NamedTuple):
