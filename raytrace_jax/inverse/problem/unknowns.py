@@ -14,11 +14,12 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.parameters import film_effects, get_parameter, resolve, scalar_names, set_parameters
+from raytrace_jax.scene.parameters import film_effects, resolve, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene, world_length
 from raytrace_jax.scene.schema import Quantity
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.numerics import on_device
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
@@ -166,7 +167,7 @@ class Unknowns:
 
     def initial(self, scene: Scene) -> Values:
         """The values in a scene."""
-        return np.array([float(get_parameter(scene, name)) for name in self.names])
+        return np.array([float(resolve(scene, name).address.read(scene)) for name in self.names])
 
 
 def make_unknowns(
