@@ -104,7 +104,7 @@ def natural_scale(scene: Scene, name: str, model: ModelName = "classic", light: 
     return max(abs(value), 0.1 * unit)
 
 
-def _length(value: Array) -> float:
+def _length(value: Array | np.ndarray) -> float:
     """The length of a vector, the magnitude of a number."""
     return float(np.linalg.norm(value)) if value.ndim else abs(float(value))
 
