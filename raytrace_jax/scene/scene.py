@@ -164,6 +164,7 @@ def world_length(scene: Scene) -> Float[Array, ""]:
 
 @functools.partial(jax.jit, inline=True)
 def _length_of(across: Float[Array, " axes"]) -> Float[Array, ""]:
+    # One program, where it is not part of another: by single operations it would be twenty.
     across = jax.lax.stop_gradient(across)
     limits = jnp.finfo(across.dtype)
     # By logarithms, because squares may overflow or vanish.

@@ -135,6 +135,7 @@ def groups(problem: Problem) -> list[list[ScanGrid]]:
 
 
 compiled_ray = jit(ray)
+"""`ray` as one program for each number of points: a search asks from outside of all others."""
 
 
 def looks(camera: Camera, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
