@@ -292,7 +292,7 @@ def _pictures(problem: Problem, solution: FitState, start: np.ndarray | None) ->
         target=np.asarray(problem.observation.target),
         weights=np.where(np.asarray(linearization.bad), 0, weights_of(problem)),
         start=start,
-        estimate=np.asarray(linearization.image + observed.bias),
+        estimate=np.asarray(linearization.image) + np.asarray(observed.bias),
         rms_residual=solution.rms_residual * problem.unit,
         typical_residual=MAD_TO_SIGMA * float(linearization.typical) * problem.unit,
         # A robust loss leaves out what it counts for less than a hundredth of the others.

@@ -126,7 +126,7 @@ def draw_gradients(
     # A derivative and its difference share one colour scale, so that eyes can compare them.
     for number, (name, unit) in enumerate(zip(found.names, found.units, strict=True)):
         above, *below = axes[1 + number]
-        derivative = np.asarray(found.values[number])
+        derivative = np.asarray(found.values)[number]
         limit = scale_limit(derivative) or (scale_limit(differences[number]) if differences is not None else 0) or 1.0
         draw_signed(above, derivative, limit, unit, drawable(f"d.{name}", 34), origin)
         if below and differences is not None:

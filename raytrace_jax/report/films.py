@@ -3,6 +3,8 @@
 import dataclasses
 from os import PathLike
 
+import numpy as np
+
 from raytrace_jax._version import __version__
 from raytrace_jax.images import Transfer
 from raytrace_jax.images.exr import write_exr
@@ -57,8 +59,8 @@ def write_derivatives(
     """
     refuse_other(found, PictureDerivatives, "picture_derivatives")
     settings = resolve_settings(scene, settings)
-    channels = dict(zip("RGB", found.image, strict=True))
-    layers = {f"d.{name}": values for name, values in zip(found.names, found.values, strict=True)}
+    channels = dict(zip("RGB", np.asarray(found.image), strict=True))
+    layers = {f"d.{name}": values for name, values in zip(found.names, np.asarray(found.values), strict=True)}
     metadata = how_made(scene, settings)
     if differences is not None:
         layers |= {f"difference.{name}": values for name, values in zip(found.names, differences.values, strict=True)}

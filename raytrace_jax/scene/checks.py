@@ -1,7 +1,6 @@
 """Checks of whole scenes: what no picture can be made from is refused, what is probably a mistake is warned of."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
@@ -77,7 +76,7 @@ def scene_warnings(scene: Scene, model: ModelName) -> list[str]:
             "surfaces, and the scene has none."
         )
     camera = scene.camera
-    if isinstance(camera, ImagePlaneCamera) and float(camera.viewpoint[2]) == 0:
+    if isinstance(camera, ImagePlaneCamera) and float(np.asarray(camera.viewpoint)[2]) == 0:
         found.append(f"the camera {camera.name} is in its image plane, z = 0: all of its rays lie in that plane.")
     return found + _unresolved_glass(scene) if model == "physical" else found
 
@@ -137,4 +136,4 @@ def _is_set(value: object) -> bool:
 def is_gray(scene: Scene) -> bool:
     """Whether nothing in a scene has a colour: its picture has three equal channels."""
     colours = [values for _, attribute, _, values in attribute_values(scene) if attribute.components == RGB]
-    return all(bool(jnp.all(colour == colour[:1])) for colour in [*colours, *scene.images.texels])
+    return all(bool(np.all(colour == colour[:1])) for colour in [*colours, *map(np.asarray, scene.images.texels)])

@@ -22,7 +22,7 @@ from raytrace_jax.scene.scene import Scene, check_scene
 from raytrace_jax.scene.schema import NO_BLOCK, RGB, Attribute, BlockType
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, COMPONENT_NAMES, SHAPE_KEYWORDS
-from raytrace_jax.util.numerics import is_traced
+from raytrace_jax.util.numerics import is_traced, on_device
 from raytrace_jax.util.text import did_you_mean, listed, parse_number, quoted
 
 
@@ -83,7 +83,7 @@ def attribute_values(scene: Scene) -> Iterator[tuple[BlockType, Attribute, tuple
         if isinstance(group, row.struct):
             names = (group.name,) if row.is_single else group.names
             for attribute in row.continuous:
-                values = np.reshape(getattr(group, attribute.name), (attribute.value_count, len(names)))
+                values = np.reshape(np.asarray(getattr(group, attribute.name)), (attribute.value_count, len(names)))
                 yield row, attribute, names, values
 
 
@@ -115,16 +115,29 @@ class Address(NamedTuple):
         return self._replace(component=None)
 
     def read(self, scene: Scene) -> Any:
-        """The value in the scene: a vector, or a scalar of shape (); of what is no parameter whatever it is."""
+        """The value in the scene: a vector, or a scalar of shape (); of what is no parameter whatever it is.
+
+        A part of an array is one of NumPy's unless it is traced: each kind of slice is a program to JAX.
+        """
         values = getattr(getattr(scene, self.group), self.field)
+        if isinstance(values, jax.Array) and not is_traced(values):
+            values = np.asarray(values)
         if self.column is not None:
             values = values[self.column] if isinstance(values, tuple) else values[..., self.column]
-        return values if self.component is None else values[self.component]
+        return values if self.component is None else values[self.component, ...]
 
-    def write_entry(self, scene: Scene, value: Array) -> Scene:
+    def write_entry(self, scene: Scene, value: Array | np.ndarray) -> Scene:
         old = getattr(getattr(scene, self.group), self.field)
-        array = value if self.column is None else old.at[..., self.column].set(value)
+        array = on_device(value if self.column is None else with_part(old, self.column, value))
         return eqx.tree_at(lambda tree: getattr(getattr(tree, self.group), self.field), scene, array)
+
+
+def with_part(array: Array | np.ndarray, index: int, value: Array | np.ndarray) -> Array | np.ndarray:
+    """An array with a value at an index of its last axis, one of NumPy unless anything is traced."""
+    there = np.arange(array.shape[-1]) == index
+    if is_traced((array, value)):
+        return jnp.where(np.broadcast_to(there, array.shape), value[..., None], array)
+    return np.where(there, np.asarray(value)[..., None], np.asarray(array))
 
 
 class Parameter(NamedTuple):
@@ -205,7 +218,7 @@ def list_parameters(scene: Scene) -> dict[str, Array]:
     The values have shape () or (2,) or (3,). A material's parameters are listed once, under the material.
     """
     return {
-        f"{block.name}.{attribute.name}": block.read(scene, attribute.name)
+        f"{block.name}.{attribute.name}": on_device(block.read(scene, attribute.name))
         for block in blocks(scene)
         for attribute in block.type.continuous
     }
@@ -213,7 +226,7 @@ def list_parameters(scene: Scene) -> dict[str, Array]:
 
 def get_parameter(scene: Scene, name: str) -> Array:
     """A parameter's value: what `scene[name]` says."""
-    return resolve(scene, name).address.read(scene)
+    return on_device(resolve(scene, name).address.read(scene))
 
 
 def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
@@ -234,32 +247,30 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
     scene = with_film(scene, values)
     parameters = {name: resolve(scene, name) for name in values}
     _scalar_addresses(parameters.items())
-    entries: dict[Address, tuple[str, Attribute, Array]] = {}
-    # Inside a jit, compute what is known already at once, so that it can be checked.
-    with jax.ensure_compile_time_eval():
-        for name, (address, _, attribute, _) in parameters.items():
-            current = address.read(scene)
-            try:
-                value = jnp.asarray(as_array(values[name], current.shape, current.dtype))
-            except ValueError as reason:
-                raise ParameterError(f"{quoted(name)} {reason}.") from None
-            whole = address.entry
-            if address.component is not None:
-                entry = entries[whole][2] if whole in entries else whole.read(scene)
-                value = entry.at[address.component].set(value)
-            entries[whole] = (name, attribute, value)
+    entries: dict[Address, tuple[str, Attribute, Array | np.ndarray]] = {}
+    for name, (address, _, attribute, _) in parameters.items():
+        current = address.read(scene)
+        try:
+            value = as_array(values[name], current.shape, current.dtype)
+        except ValueError as reason:
+            raise ParameterError(f"{quoted(name)} {reason}.") from None
+        whole = address.entry
+        if address.component is not None:
+            entry = entries[whole][2] if whole in entries else whole.read(scene)
+            value = with_part(entry, address.component, value)
+        entries[whole] = (name, attribute, value)
 
-        for address, (name, attribute, value) in entries.items():
-            violation = None if is_traced(value) else attribute.violation(np.asarray(value))
-            if violation:
-                raise ParameterError(f"{quoted(name)}: {violation}, got {np.asarray(value)}.")
-            scene = address.write_entry(scene, value)
-        # Then what attributes of a block may not have together.
-        for name, parameter in parameters.items():
-            if parameter.block.type.checks:
-                known = {key: x for key, x in parameter.block.read_all(scene).items() if not is_traced(x)}
-                if complaint := parameter.block.type.complaint(known):
-                    raise ParameterError(f"{quoted(name)}: {complaint[1]}.")
+    for address, (name, attribute, value) in entries.items():
+        violation = None if is_traced(value) else attribute.violation(np.asarray(value))
+        if violation:
+            raise ParameterError(f"{quoted(name)}: {violation}, got {np.asarray(value)}.")
+        scene = address.write_entry(scene, value)
+    # Then what attributes of a block may not have together.
+    for name, parameter in parameters.items():
+        if parameter.block.type.checks:
+            known = {key: x for key, x in parameter.block.read_all(scene).items() if not is_traced(x)}
+            if complaint := parameter.block.type.complaint(known):
+                raise ParameterError(f"{quoted(name)}: {complaint[1]}.")
     return scene
 
 

@@ -22,7 +22,7 @@ from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType, is_name
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, SETTINGS, SHAPE_KEYWORDS
 from raytrace_jax.util.compilation import refuse_fork
-from raytrace_jax.util.numerics import cast, is_traced, real_numbers
+from raytrace_jax.util.numerics import cast, is_traced, on_device, real_numbers
 from raytrace_jax.util.text import did_you_mean, listed, quoted, sentence
 
 Value = ArrayLike | Iterable[ArrayLike]
@@ -241,13 +241,13 @@ def _struct(row: BlockType, blocks: list[Description], columns: dict[str, dict[s
             entries["texels"] = tuple(_read_texels(block, dtype) for block in blocks)
             values = [os.fspath(value) if isinstance(value, str | os.PathLike) else "" for value in values]
         if row.is_single:
-            entries[attribute.name] = jnp.asarray(values[0]) if attribute.value_type == "number" else values[0]
+            entries[attribute.name] = on_device(values[0]) if attribute.value_type == "number" else values[0]
         elif attribute.value_type != "number":
             entries[attribute.name] = tuple(values)
         elif is_traced(values):
             entries[attribute.name] = jnp.stack(values, axis=-1)
         else:  # Stacked by NumPy: thousands of small JAX arrays take seconds.
-            entries[attribute.name] = jnp.asarray(np.array(values, dtype).reshape(len(values), *attribute.shape).T)
+            entries[attribute.name] = on_device(np.array(values, dtype).reshape(len(values), *attribute.shape).T)
     names = tuple(block.name for block in blocks)
     return row.struct(name=names[0], **entries) if row.is_single else row.struct(names=names, **entries)
 

@@ -1,5 +1,6 @@
 """The scene of a `model.txt` file as a pytree, and functions of whole scenes; its parts are the structs of blocks."""
 
+import functools
 import hashlib
 import os
 from collections.abc import Callable, Mapping
@@ -158,6 +159,12 @@ def world_length(scene: Scene) -> Float[Array, ""]:
     """
     camera = scene.camera
     across = camera.worlddim if isinstance(camera, ImagePlaneCamera) else camera.lookat - camera.viewpoint
+    return _length_of(across)
+
+
+@functools.partial(jax.jit, inline=True)
+def _length_of(across: Float[Array, " axes"]) -> Float[Array, ""]:
+    # One program, where it is not part of another: by single operations it would be twenty.
     across = jax.lax.stop_gradient(across)
     limits = jnp.finfo(across.dtype)
     # By logarithms, because squares may overflow or vanish.

@@ -70,7 +70,7 @@ def _block_lines(scene: Scene, block: Block, model: ModelName, parts: Parts) -> 
         name = f"the {block.keyword} name {quoted(block.name)}"
         raise ModelFileError(f"{name} cannot be written: a name is one word without braces.")
     weights = [block.read(scene, name) for name in ("alpha", "transmission") if block.type.find(name)]
-    is_glass = any(bool(weight != 0) for weight in weights)
+    is_glass = any(float(weight) != 0 for weight in weights)
     lines: list[str] = []
     for part in (HEAD, *(attribute.name for attribute in block.type.attributes), CLOSING):
         tokens = parts.get((block.keyword, block.name, part), [])

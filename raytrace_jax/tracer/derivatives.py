@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -13,7 +12,6 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.parameters import (
     film_effects,
-    get_parameter,
     resolve,
     row_of_names,
     scalar_names,
@@ -26,6 +24,7 @@ from raytrace_jax.tracer.film import Image
 from raytrace_jax.tracer.radiance import Jacobian, develop_derivatives, radiance_derivatives, refuse_too_large
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.numerics import on_device
 
 
 class PictureDerivatives(NamedTuple):
@@ -70,20 +69,20 @@ def picture_derivatives(
     settings = dataclasses.replace(settings, aov=())
     refuse_too_large(scene, settings, len(scalars))
     of_film = film_effects(scene, scalars)
-    values = jnp.stack([get_parameter(scene, name) for name in scalars])
+    values = np.stack([resolve(scene, name).address.read(scene) for name in scalars])
 
     # Radiance, by the numbers that move what is traced; then what the camera's response makes of it, by all.
     traced = tuple(place for place, name in enumerate(scalars) if name not in of_film)
     unknowns = Named(tuple(scalars[place] for place in traced))
     unfilmed = dataclasses.replace(scene, film=None)
-    image, jacobian, _ = radiance_derivatives(values[np.array(traced, int)], unfilmed, unknowns, settings)
+    image, jacobian, _ = radiance_derivatives(on_device(values[np.array(traced, int)]), unfilmed, unknowns, settings)
     if scene.film is not None:
         # Effects of the response that do nothing and are not differentiated are not computed.
         filmed = dataclasses.replace(without_texels(scene), film=without_idle(scene.film, of_film.values()))
         by_all = np.zeros((len(scalars), *image.shape), image.dtype)
         by_all[list(traced)] = jacobian
         frame = settings.frame(scene.camera.pixeldim)
-        image, jacobian = develop_derivatives(image, by_all, values, filmed, Named(scalars), frame)
+        image, jacobian = develop_derivatives(image, by_all, on_device(values), filmed, Named(scalars), frame)
     units = tuple(resolve(scene, name).attribute.unit for name in scalars)
     image, jacobian = jax.device_put((image, jacobian))
     return PictureDerivatives(image, scalars, jacobian, units)

@@ -44,12 +44,14 @@ def compiler_options() -> dict[str, bool | int | str]:
     """
     if jax.default_backend() != "cpu":
         return {}
-    return {name: value for name, value in CPU_OPTIONS.items() if _is_known(name, value)}
+    if _are_known(CPU_OPTIONS):
+        return CPU_OPTIONS
+    return {name: value for name, value in CPU_OPTIONS.items() if _are_known({name: value})}
 
 
-def _is_known(name: str, value: bool | int | str) -> bool:
+def _are_known(options: dict[str, bool | int | str]) -> bool:
     try:
-        jax.jit(lambda x: x, compiler_options={name: value}).lower(jax.ShapeDtypeStruct((), "float32")).compile()
+        jax.jit(lambda x: x, compiler_options=options).lower(jax.ShapeDtypeStruct((), "float32")).compile()
     except jax.errors.JaxRuntimeError:
         return False
     return True

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from equinox.internal import unvmap_any
 from jax.core import Tracer
+from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
 T = TypeVar("T")
@@ -201,6 +202,15 @@ def cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
 def is_traced(value: object) -> bool:
     """Whether a value, or anything in it, is only known when a program runs: it cannot be checked yet."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value))
+
+
+def on_device(value: Any, dtype: DTypeLike | None = None) -> Array:
+    """A copy of a value as an array of JAX. `jnp.asarray` compiles a program for each shape that comes from NumPy."""
+    if is_traced(value):
+        return jnp.asarray(value, dtype)
+    # Inside a jit it is known at once as well. What is too large becomes infinite.
+    with jax.ensure_compile_time_eval(), np.errstate(over="ignore", under="ignore"):
+        return jax.device_put(np.array(value, dtype))
 
 
 def real_numbers(values: object) -> np.ndarray:

@@ -5,7 +5,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
@@ -18,7 +17,7 @@ from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.scene.response import FILM, FILM_EFFECTS, FilmEffect, develop_compiled, neutral_response, without_idle
 from raytrace_jax.scene.scene import CameraResponse
 from raytrace_jax.scene.schema import RGB, Attribute, Range
-from raytrace_jax.util.numerics import TINY, solve_normal
+from raytrace_jax.util.numerics import TINY, on_device, solve_normal
 
 SIGNIFICANT = 4.5
 """Standard score from which on a change explains a residual. Of 114 changes the largest score of noise alone, white,
@@ -148,7 +147,7 @@ def film_candidates(
             step, is_squared = stated or effect.step, effect.is_squared and not stated
             moved = values.copy()
             moved[places] += math.hypot(value, step) - value if is_squared else step
-            moved = jnp.asarray(moved.reshape(effect.attribute.shape))
+            moved = on_device(moved.reshape(effect.attribute.shape))
             change = developed(dataclasses.replace(film, **{effect.name: moved})) - before
             rows = pixels.sampled.of(change / (step**2 if is_squared else step)) * pixels.root_weight
             linear = math.inf if effect.is_linear or effect.unit != "%" else 0.5 * value

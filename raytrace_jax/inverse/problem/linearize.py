@@ -103,7 +103,7 @@ class Linearization(eqx.Module):
     @property
     def cost(self) -> float:
         """Half the sum of squared residuals, under the loss."""
-        return 0.5 * float(jnp.sum(self.residual**2))
+        return 0.5 * float(np.vdot(self.residual, self.residual))
 
     @property
     def is_finite(self) -> bool:

@@ -15,7 +15,7 @@ from raytrace_jax.inverse.problem.unknowns import AnyArray, Image, Mask
 from raytrace_jax.scene.checks import is_gray
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import is_masked, real_numbers
+from raytrace_jax.util.numerics import is_masked, on_device, real_numbers
 
 
 class Observation(eqx.Module):
@@ -60,7 +60,7 @@ class Observation(eqx.Module):
         kept = np.where(np.any(whole, axis=(1, 2), keepdims=True), whole, share > 0)
         means = bin_pixels(target * seen, binning) / np.where(share > 0, share, 1)
         binned = np.where(kept, bin_pixels(weight, binning), 0)
-        return Observation(*map(jnp.asarray, (means, bin_pixels(np.asarray(self.bias), binning), np.sqrt(binned))))
+        return Observation(*map(on_device, (means, bin_pixels(np.asarray(self.bias), binning), np.sqrt(binned))))
 
     @property
     def light_unit(self) -> float:
@@ -134,8 +134,7 @@ def observe(target: object, weights: object, scene: Scene, settings: ResolvedSet
 
     # All that follows computes in the scene's precision.
     dtype = scene.camera.viewpoint.dtype
-    target = jnp.asarray(picture, dtype)
-    return Observation(target, jnp.zeros_like(target), jnp.asarray(np.sqrt(weight), dtype))
+    return Observation(*(on_device(part, dtype) for part in (picture, np.zeros(picture.shape), np.sqrt(weight))))
 
 
 def _oddities(picture: Image, counts: Bool[np.ndarray, "3 height width"], scene: Scene) -> list[str]:

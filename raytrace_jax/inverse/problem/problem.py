@@ -6,7 +6,6 @@ from collections import OrderedDict
 from collections.abc import Hashable, Sequence
 from typing import Literal
 
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int, Num
@@ -33,6 +32,7 @@ from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.pixels import Pixels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.util.numerics import on_device
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Problem:
 
         They go by way of the host: an array on several devices is another kind of argument, and would compile anew.
         """
-        return jnp.asarray(np.asarray(values), self.observation.target.dtype)
+        return on_device(values, self.observation.target.dtype)
 
     def y_of(self, values: Values) -> Vector:
         """The unknowns that give these values."""
@@ -280,6 +280,6 @@ class FitState:
         residual: Image | None = None,
     ) -> Image:
         """A function of the loss at each residual, its own or another one, and at its own scale or another; `Loss`."""
-        residual = self.problem.array(self.residual if residual is None else residual)
-        at = self.problem.array(self.stage.loss_scale if scale is None else scale)
+        residual = np.asarray(self.residual if residual is None else residual, self.problem.observation.target.dtype)
+        at = np.asarray(self.stage.loss_scale if scale is None else scale, residual.dtype)
         return np.asarray(evaluate(self.stage.loss, what, residual, at), np.float64)

@@ -14,11 +14,12 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.parameters import film_effects, get_parameter, resolve, scalar_names, set_parameters
+from raytrace_jax.scene.parameters import film_effects, resolve, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene, world_length
 from raytrace_jax.scene.schema import Quantity
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.numerics import on_device
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
@@ -103,7 +104,7 @@ def natural_scale(scene: Scene, name: str, model: ModelName = "classic", light: 
     return max(abs(value), 0.1 * unit)
 
 
-def _length(value: Array) -> float:
+def _length(value: Array | np.ndarray) -> float:
     """The length of a vector, the magnitude of a number."""
     return float(np.linalg.norm(value)) if value.ndim else abs(float(value))
 
@@ -166,7 +167,7 @@ class Unknowns:
 
     def initial(self, scene: Scene) -> Values:
         """The values in a scene."""
-        return np.array([float(get_parameter(scene, name)) for name in self.names])
+        return np.array([float(resolve(scene, name).address.read(scene)) for name in self.names])
 
 
 def make_unknowns(
@@ -293,4 +294,4 @@ def make_prior(priors: Priors, unknowns: Unknowns, dtype: jnp.dtype) -> Prior:
             )
         place = unknowns.names.index(name)
         mean[place], precision[place] = middle, 1 / deviation
-    return Prior(jnp.asarray(mean, dtype), jnp.asarray(precision, dtype))
+    return Prior(on_device(mean, dtype), on_device(precision, dtype))

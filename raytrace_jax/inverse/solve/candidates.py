@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -18,6 +17,7 @@ from raytrace_jax.inverse.problem.unknowns import Image, Values, natural_scale
 from raytrace_jax.scene.parameters import Address, Block, material_of, resolve
 from raytrace_jax.scene.scene import Camera
 from raytrace_jax.tracer.geometry.camera import ray
+from raytrace_jax.util.compilation import jit
 
 INDICES = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
 """Indices that are tried for a material that starts at 1 or above: from what is barely denser than air to diamond."""
@@ -134,9 +134,13 @@ def groups(problem: Problem) -> list[list[ScanGrid]]:
     return found
 
 
+compiled_ray = jit(ray)
+"""`ray` as one program for each number of points: a search asks from outside of all others."""
+
+
 def looks(camera: Camera, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Origins and directions, "3 *rays" in float64, of the rays through points of the picture."""
-    found = ray(camera, *(jnp.asarray(x, camera.viewpoint.dtype) for x in (u, v)))
+    found = compiled_ray(camera, *(np.asarray(x, camera.viewpoint.dtype) for x in (u, v)))
     return np.asarray(found[0], np.float64), np.asarray(found[1], np.float64)
 
 

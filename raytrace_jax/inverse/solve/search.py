@@ -1,5 +1,6 @@
 """The search: a scan of small pictures for places, the best of them solved coarse to fine, and what they led to."""
 
+import math
 import warnings
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -71,7 +72,7 @@ def choose_levels(problem: Problem, options: FitOptions) -> Levels:
 
 def binning_to(problem: Problem, pixels: int) -> int:
     """The binning that leaves about so many pixels."""
-    return max(1, round(float(np.sqrt(problem.observation.target[0].size / pixels))))
+    return max(1, round(math.sqrt(math.prod(problem.observation.target.shape[1:]) / pixels)))
 
 
 def descend(

@@ -18,7 +18,7 @@ from raytrace_jax.inverse.problem.linearize import Linearization
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Values, Vector
 from raytrace_jax.inverse.solve.steps import Record, project_gradient, shorten_step
-from raytrace_jax.util.numerics import TINY, solve_normal
+from raytrace_jax.util.numerics import TINY, on_device, solve_normal
 
 
 def minimise(
@@ -76,14 +76,14 @@ class LevenbergMarquardt:
     rejected: int = 3
 
     def init(self, start: FitState) -> Trust:
-        limit = jnp.maximum(jnp.asarray(self.relative, start.y.dtype), resolution(start.y.dtype))
+        limit = on_device(max(self.relative, resolution(start.y.dtype)), start.y.dtype)
         # `limit` is an array, not the float that the annotation says: a new tolerance must not compile anew.
         solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
         return Trust(solver, init(solver, start.y, linear_model(start)))
 
     def step(self, best: FitState, seen: FitState, memory: Trust) -> tuple[FitState, Vector, Trust]:
         y, state, done = advance(memory.solver, best.y, linear_model(seen), memory.state)
-        accepted = seen.linearization.is_finite and bool(jnp.all(y == seen.y))
+        accepted = seen.linearization.is_finite and np.array_equal(y, seen.y)
         best, rejected = (seen, 0) if accepted else (best, memory.rejected + 1)
         # Have it try a point that is possible.
         to = shorten_step(best.problem, best.y, state.y_eval)
@@ -114,7 +114,7 @@ def levenberg_marquardt(
         # A solver that sees no derivative along an unknown leaves it.
         triangle = np.array(state.linearization.jacobian)
         triangle[:, list(held)] = 0
-        still = dataclasses.replace(state.linearization, jacobian=jnp.asarray(triangle))
+        still = dataclasses.replace(state.linearization, jacobian=on_device(triangle))
         return dataclasses.replace(state, linearization=still)
 
     return minimise(method, look(problem.array(np.clip(np.asarray(y), *problem.unknowns.reach))), look, record)
@@ -127,7 +127,7 @@ def linear_model(state: FitState) -> tuple[Vector, jax.Array, jax.Array]:
     beforehand. So the solver's own step is tiny, compiles in no time, and knows nothing of pictures.
     """
     free = project_gradient(state)
-    return state.y, jnp.asarray(np.asarray(free.residual)), jnp.asarray(np.asarray(free.jacobian))
+    return state.y, on_device(free.residual), on_device(free.jacobian)
 
 
 def linear_residual(y: Vector, model):
@@ -195,7 +195,7 @@ class GaussNewton:
         promised = promised_decrease(free)
         in_vain = 0 if promised < 0.5 * memory.promised else memory.in_vain + 1
         step, here = step_to_minimum(seen, free), np.asarray(seen.y)
-        to = shorten_step(problem, seen.y, seen.y + step)
+        to = shorten_step(problem, seen.y, here + step)
         rounding = resolution(here.dtype) * np.maximum(np.abs(here), 1)
         move = 0.0 if np.all(np.abs(np.asarray(to) - here) <= rounding) else move_in_errors(free)
         reach = problem.distance(problem.values(to), problem.values(seen.y))

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -17,6 +16,7 @@ from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Image, Unknowns, Vector
 from raytrace_jax.inverse.result import FitStep, Minimum, Profile
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.util.numerics import on_device
 
 Record = Callable[[float, bool, Vector], None]
 """A function that is called with (cost, accepted, unknowns) after each step."""
@@ -69,7 +69,7 @@ def project_gradient(state: FitState) -> Linearization:
         return linearization
     triangle = np.asarray(linearization.jacobian)
     downhill = -triangle.T @ np.asarray(linearization.residual)
-    return dataclasses.replace(linearization, jacobian=jnp.asarray(np.where(side * downhill > 0, 0, triangle)))
+    return dataclasses.replace(linearization, jacobian=on_device(np.where(side * downhill > 0, 0, triangle)))
 
 
 class LocalMinimum(NamedTuple):

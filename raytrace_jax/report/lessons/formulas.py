@@ -42,7 +42,7 @@ def finish(ax: Axes, heading: str, x: str, y: str, **legend) -> None:
 
 def derivative(function: Callable, x: np.ndarray) -> np.ndarray:
     """The derivative of an elementwise function at each of many places, by automatic differentiation."""
-    return np.asarray(jax.jvp(function, (jnp.asarray(x),), (jnp.ones_like(x),))[1])
+    return np.asarray(jax.jit(lambda x: jax.jvp(function, (x,), (jnp.ones_like(x),))[1])(x))
 
 
 def draw_snell() -> Figure:
