@@ -2,7 +2,9 @@
 
 import dataclasses
 import hashlib
+import importlib
 import shlex
+import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,8 +25,9 @@ from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.observe.sampling import supersampled
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.result import last_word
+from raytrace_jax.inverse.result_file import save_record
 from raytrace_jax.inverse.result_rows import estimate_table
-from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
+from raytrace_jax.report.fit_report.numbers import write_numbers
 from raytrace_jax.report.fit_report.summary import AFTER
 from raytrace_jax.scene.bundled import scene_path
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters
@@ -165,6 +168,7 @@ def stored_differences(
 
 
 NOT_CONVERGED = 3  # The exit code.
+FOLDER = "raytrace_jax.report.fit_report.folder"
 
 
 def run_fit(command: Fit) -> int:
@@ -172,7 +176,12 @@ def run_fit(command: Fit) -> int:
     free, options = command.free, command.fit_options()
     if not free:
         raise UsageError("--free NAME ... is missing: which parameters should be found?")
+    if command.pdf and not command.report:
+        raise UsageError("--pdf is a figure of the report, which --no-report leaves out.")
     check_folder(command.output)
+    if command.report:
+        # The import of matplotlib takes half a second, in which one core can do other work.
+        threading.Thread(target=importlib.import_module, args=(FOLDER,), name="report", daemon=True).start()
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command)
         scene = with_angle_of_view(scene, command.target, command.assignments)
@@ -200,7 +209,12 @@ def run_fit(command: Fit) -> int:
         print(numbers if command.json else command.output, end="" if command.json else "\n", flush=True)
         if result.status != "interrupted":
             with Timer("writing the report", console) as timer:
-                write_pictures(result, command.output, command.long, command.pdf)
+                if command.report:
+                    from raytrace_jax.report.fit_report.folder import write_pictures
+
+                    write_pictures(result, command.output, command.long, command.pdf)
+                else:
+                    save_record(result, command.output)
                 timer.took("writing the report")
     return 0 if result.status == "converged" else NOT_CONVERGED
 
