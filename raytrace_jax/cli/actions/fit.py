@@ -207,14 +207,13 @@ def run_fit(command: Fit) -> int:
         comments = scene_path(command.scene).read_text(encoding="utf-8-sig")
         numbers = write_numbers(result, command.output, comments)
         print(numbers if command.json else command.output, end="" if command.json else "\n", flush=True)
-        if result.status != "interrupted":
+        if not command.report:
+            save_record(result, command.output)
+        elif result.status != "interrupted":
             with Timer("writing the report", console) as timer:
-                if command.report:
-                    from raytrace_jax.report.fit_report.folder import write_pictures
+                from raytrace_jax.report.fit_report.folder import write_pictures
 
-                    write_pictures(result, command.output, command.long, command.pdf)
-                else:
-                    save_record(result, command.output)
+                write_pictures(result, command.output, command.long, command.pdf)
                 timer.took("writing the report")
     return 0 if result.status == "converged" else NOT_CONVERGED
 
