@@ -2,9 +2,7 @@
 
 import dataclasses
 import hashlib
-import importlib
 import shlex
-import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -168,7 +166,6 @@ def stored_differences(
 
 
 NOT_CONVERGED = 3  # The exit code.
-FOLDER = "raytrace_jax.report.fit_report.folder"
 
 
 def run_fit(command: Fit) -> int:
@@ -179,9 +176,6 @@ def run_fit(command: Fit) -> int:
     if command.pdf and not command.report:
         raise UsageError("--pdf is a figure of the report, which --no-report leaves out.")
     check_folder(command.output)
-    if command.report:
-        # The import of matplotlib takes half a second, in which one core can do other work.
-        threading.Thread(target=importlib.import_module, args=(FOLDER,), name="report", daemon=True).start()
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command)
         scene = with_angle_of_view(scene, command.target, command.assignments)
@@ -211,6 +205,7 @@ def run_fit(command: Fit) -> int:
             save_record(result, command.output)
         elif result.status != "interrupted":
             with Timer("writing the report", console) as timer:
+                # It imports matplotlib, which takes half a second that the numbers need not wait for.
                 from raytrace_jax.report.fit_report.folder import write_pictures
 
                 write_pictures(result, command.output, command.long, command.pdf)
