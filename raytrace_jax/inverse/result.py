@@ -1,6 +1,7 @@
 """The result of a fit."""
 
 import dataclasses
+import functools
 import html
 import math
 import os
@@ -115,7 +116,7 @@ class FitPictures:
         """The pixels with a weight in any channel."""
         return np.any(self.weights > 0, axis=0)
 
-    @property
+    @functools.cached_property
     def residual_pixels(self) -> int:
         """How few pixels hold nine tenths of the sum of the residual's squares; 0 where there is none."""
         if self.estimate is None:

@@ -59,6 +59,7 @@ BAD_INPUT = [
     (2, [*FIT, "--uncertain", "cam1"], ["--uncertain cam1", "NAME=SD or NAME=SHARE%"]),
     (2, [*FIT, "--uncertain", "cam1=1%", "--uncertain", "cam1=2%"], ["--uncertain cam1 is given twice"]),
     (1, [*FIT, "--mask", "none.png"], ["none.png", "no such file"]),
+    (2, [*FIT, "--pdf", "--no-report"], ["--pdf is a figure of the report, which --no-report leaves out"]),
     (1, ["fit", VITREOUS, "none.png", "-o", "out", "--free", "cyan.ior"], ["none.png", "no such file"]),
     (1, ["fit", VITREOUS, "file", "-o", "out", "--free", "cyan.ior"], ["file", "JPEG, TIFF, PPM or Radiance HDR"]),
     (1, [*FIT, "--layer", "R"], ["no layers"]),

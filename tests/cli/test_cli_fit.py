@@ -21,6 +21,7 @@ from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.options.fits import Fit, read_prior
 from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress, Timer
 from raytrace_jax.images.transfer import ENCODERS
+from raytrace_jax.inverse.result import FitResult
 
 TARGET = np.random.default_rng(0).uniform(size=(3, 30, 40))
 
@@ -150,6 +151,14 @@ def test_the_fitted_scene_keeps_comments(arguments, replace_work, tmp_path):
     assert run("fit", scene, *arguments[2:], *FREE, "--transfer", "course", "--pdf") == 0
     assert (tmp_path / "out" / "fit.txt").read_text().startswith("# Measured on Monday.\n")
     assert (tmp_path / "out" / "report.pdf").read_bytes().startswith(b"%PDF-")
+
+
+def test_no_report_leaves_what_a_script_reads(arguments, replace_work, tmp_path):
+    replace_work("fit.fit", lambda *_, **__: fake_result())
+    assert run(*arguments, *FREE) == 0
+    assert run(*arguments, *FREE, "--no-report") == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"fit.txt", "result.json", "result.npz"}
+    assert FitResult.load(tmp_path / "out")["vitreous.ior"].value == 1.337
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="files there have no limit of their size")

@@ -23,8 +23,9 @@ from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.observe.sampling import supersampled
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.result import last_word
+from raytrace_jax.inverse.result_file import save_record
 from raytrace_jax.inverse.result_rows import estimate_table
-from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
+from raytrace_jax.report.fit_report.numbers import write_numbers
 from raytrace_jax.report.fit_report.summary import AFTER
 from raytrace_jax.scene.bundled import scene_path
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters
@@ -172,6 +173,8 @@ def run_fit(command: Fit) -> int:
     free, options = command.free, command.fit_options()
     if not free:
         raise UsageError("--free NAME ... is missing: which parameters should be found?")
+    if command.pdf and not command.report:
+        raise UsageError("--pdf is a figure of the report, which --no-report leaves out.")
     check_folder(command.output)
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command)
@@ -198,8 +201,13 @@ def run_fit(command: Fit) -> int:
         comments = scene_path(command.scene).read_text(encoding="utf-8-sig")
         numbers = write_numbers(result, command.output, comments)
         print(numbers if command.json else command.output, end="" if command.json else "\n", flush=True)
-        if result.status != "interrupted":
+        if not command.report:
+            save_record(result, command.output)
+        elif result.status != "interrupted":
             with Timer("writing the report", console) as timer:
+                # It imports matplotlib, which takes half a second that the numbers need not wait for.
+                from raytrace_jax.report.fit_report.folder import write_pictures
+
                 write_pictures(result, command.output, command.long, command.pdf)
                 timer.took("writing the report")
     return 0 if result.status == "converged" else NOT_CONVERGED

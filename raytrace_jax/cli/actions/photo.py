@@ -33,7 +33,8 @@ from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.photograph import Photograph
 from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene, wedge_comment
 from raytrace_jax.photo.turned import turned_alike
-from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
+from raytrace_jax.report.fit_report.folder import write_pictures
+from raytrace_jax.report.fit_report.numbers import write_numbers
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.writer import save_scene

@@ -84,6 +84,8 @@ class Fit(shared.PictureCommand):
     the table and in the report."""
     pdf: bool = False
     """Write the report's figure as report.pdf, too, for a paper."""
+    report: bool = True
+    """Write the whole report; without it result.json, fit.txt and result.npz alone, which a script reads."""
     json: bool = False
     """Print one JSON object on stdout, the content of result.json, in place of the table and the last line."""
     tie: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=FREE")] = ()

@@ -111,7 +111,9 @@ def draw_corner(axes: np.ndarray, result: FitResult, columns: Sequence[int]) -> 
     """
     for (i, row), (j, column) in itertools.product(enumerate(columns), repeat=2):
         ax = axes[i, j]
-        ax.set_visible(j <= i)
+        if j > i:
+            ax.set_visible(False)
+            continue
         set_looks(ax, label_size=7)
         ax.spines[:].set(visible=True, color="0.5", linewidth=0.6)
         ax.tick_params(length=2.5, width=0.6, color="0.5")

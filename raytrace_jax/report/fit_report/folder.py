@@ -1,6 +1,5 @@
 """The report of a fit: a folder with the estimates, pictures, the fitted scene, a figure and a page to read."""
 
-import contextlib
 import os
 from pathlib import Path
 
@@ -8,39 +7,22 @@ import matplotlib
 
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.inverse.result_file import FILE, SCENE_FILE, save_record
+from raytrace_jax.inverse.result_file import SCENE_FILE, save_record
 from raytrace_jax.report.films import how_made
 from raytrace_jax.report.fit_report.figure import draw_report
 from raytrace_jax.report.fit_report.methods import methods_text
+from raytrace_jax.report.fit_report.numbers import write_numbers
 from raytrace_jax.report.fit_report.page import render_page
-from raytrace_jax.report.fit_report.summary import csv_table, summarize, tex_table
-from raytrace_jax.scene.writer import save_scene
-from raytrace_jax.util.files import as_path, atomic_write, json_text, read_bytes, write_text
+from raytrace_jax.report.fit_report.summary import csv_table, tex_table
+from raytrace_jax.util.files import atomic_write, read_bytes, write_text
 
 TEXTS = {"estimates.csv": csv_table, "estimates.tex": tex_table, "methods.txt": methods_text}
-REST = (FILE, "fit.exr", "residual.exr", *TEXTS, "report.png", "report.pdf", "report.html")
-"""All files but the numbers, which are small and come first."""
 
 
 def write_report(result: FitResult, folder: str | os.PathLike[str], long: bool = False, pdf: bool = False) -> None:
     """Write the report of a fit into a folder: what `FitResult.save` says."""
     write_numbers(result, folder)
     write_pictures(result, folder, long, pdf)
-
-
-def write_numbers(result: FitResult, folder: str | os.PathLike[str], comments: str = "") -> str:
-    """Write `result.json`, whose text is returned, and `fit.txt`, and take away pictures of an earlier fit.
-
-    `comments` is the text of a scene's file whose comments are kept.
-    """
-    folder = as_path(folder)
-    for name in REST:
-        with contextlib.suppress(OSError):  # One that cannot be removed cannot be replaced, which is told then.
-            (folder / name).unlink()
-    scene_text = save_scene(result.scene, folder / SCENE_FILE, model=result.settings.model, comments=comments)
-    text = json_text(summarize(result, scene_text))
-    write_text(folder / "result.json", text)
-    return text
 
 
 def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool = False, pdf: bool = False) -> None:
