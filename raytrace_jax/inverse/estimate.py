@@ -11,7 +11,7 @@ from raytrace_jax.errors import RaytraceWarning
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.images.masks import mask_in_words
 from raytrace_jax.inverse.build_problem import FitSetup, build_problem
-from raytrace_jax.inverse.judge.model_check import check_model
+from raytrace_jax.inverse.judge.model_check import check_model, expected_error
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.observe.sampling import COARSE_SAMPLES, cached_detection, supersampled
 from raytrace_jax.inverse.options import FitOptions
@@ -95,7 +95,10 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder) -> None:
     levels, detect = choose_levels(problem, options), cached_detection(problem)
     minima = find_minima(problem, levels, options.edges, options.search, recorder)
     recorder.found(minima=tuple(minima))
-    minima, solution = select_solution(problem, minima, len(levels.blurs), options, recorder, detect)
+    stated = setup.uncertain, options.correlations, recorder.check_clock
+    minima, solution = select_solution(
+        problem, minima, len(levels.blurs), options, recorder, detect, lambda state: expected_error(state, *stated)
+    )
     recorder.found(minima=tuple(minima), solution=solution)
 
     # What is wrong with it: pixels that are not finite, and balls that the target does not show.
@@ -122,7 +125,6 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder) -> None:
         recorder.found(profiles=(*recorder.findings.profiles, profile))
     recorder.phase("checking the model")
     try:
-        error, clock = uncertainty.standard_error, recorder.check_clock
-        recorder.found(check=check_model(solution, error, setup.uncertain, options.correlations, clock))
+        recorder.found(check=check_model(solution, uncertainty.standard_error, *stated))
     except np.linalg.LinAlgError as reason:  # LAPACK cannot factorise a matrix: the fit has its answer all the same.
         warnings.warn(f"the model could not be checked: {reason}.", RaytraceWarning, stacklevel=2)

@@ -86,13 +86,16 @@ class CandidateCause(NamedTuple):
         return Cause(self.name, unit, per_unit, advice, self.amount(found), score)
 
 
-def scene_candidates(pixels: SampledPicture, uncertain: Mapping[str, float]) -> Iterator[CandidateCause]:
-    """The fixed numbers of the scene.
+def scene_candidates(
+    pixels: SampledPicture, uncertain: Mapping[str, float], only_stated: bool = False
+) -> Iterator[CandidateCause]:
+    """The fixed numbers of the scene, or those of them that are stated to be uncertain.
 
     A colour, or a gamma, may be off by half of its size if the picture is to change in proportion; other numbers by a
     tenth: most move edges across pixels, where a solver's step ends at a tenth too.
     """
     scene, numbers = pixels.problem.scene, fixed_numbers(pixels.problem, uncertain)
+    numbers = {name: number for name, number in numbers.items() if name in uncertain or not only_stated}
     for (name, parameter), change in zip(numbers.items(), number_changes(pixels, numbers), strict=True):
         size, is_color = number_size(scene, parameter.address), parameter.is_color
         yield CandidateCause(

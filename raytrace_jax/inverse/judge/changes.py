@@ -178,14 +178,14 @@ def margin_at(problem: Problem, y: Vector) -> int:
 
 
 def pixels_to_check(
-    problem: Problem, y: Vector, stage: Stage, linearization: Linearization | None = None
+    problem: Problem, y: Vector, stage: Stage, linearization: Linearization | None = None, most: int = 20_000
 ) -> SampledPicture:
-    """The pixels that stand for a picture.
+    """The pixels that stand for a picture, about so many at most.
 
     In a point-sampled picture some pixels at the rim of glass decide as much as all others: pixels are chosen in
-    proportion to their derivatives. Edge-aware pixels are alike and cost more: they are chosen evenly.
+    proportion to their derivatives. Edge-aware pixels are alike and cost more: they are chosen evenly. 20,000 are all
+    of 160 x 120.
     """
-    most = 20_000  # All of 160 x 120: some seconds of points, about ten of edge-aware pixels.
     counts = problem.observation.counts
     decides = np.ones(counts.shape)
     if stage.edges == "point" and linearization is not None:

@@ -24,6 +24,42 @@ from raytrace_jax.inverse.problem.fixed import root_covariance
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.problem.unknowns import Image, Values
+from raytrace_jax.util.numerics import MAD_TO_SIGMA, TINY, solve_normal
+
+
+def expected_error(
+    state: FitState,
+    uncertain: Mapping[str, float],
+    correlations: Mapping[tuple[str, str], float],
+    check_clock: Callable[[], None] = lambda: None,
+) -> Values:
+    """About the standard errors of the unknowns, before the last steps: those of white noise, and of what is stated.
+
+    It is a bound from below. The noise is that of the typical pixel, for those at edges are still off by how they are
+    sampled. A few pixels tell what the scene's stated numbers do; the film's are left out.
+    """
+    problem, linearization = state.problem, state.linearization
+    triangle = np.asarray(linearization.jacobian, np.float64)
+    noise = MAD_TO_SIGMA * float(linearization.typical)
+    covariance = noise**2 * solve_normal(triangle.T @ triangle, np.eye(triangle.shape[1]))
+    if uncertain:
+        pixels = pixels_to_check(problem, state.y, state.stage, linearization, most=4000)
+        pixels = dataclasses.replace(pixels, check_clock=check_clock)
+        weight = (pixels.sampled.of(state.under_loss("weight")) / pixels.sampled.probability).reshape(-1)
+        numbers = list(scene_candidates(pixels, uncertain, only_stated=True))
+        moved = stated_moves(parameter_changes(pixels), numbers, weight, correlations)
+        slopes = np.maximum(np.abs(problem.slopes(state.y)), TINY)
+        covariance = covariance + moved @ moved.T / np.outer(slopes, slopes)
+    return np.sqrt(np.maximum(np.diagonal(covariance), 0))
+
+
+def stated_moves(changes, numbers: Sequence[CandidateCause], weight, correlations: Mapping[tuple[str, str], float]):
+    """How far each independent part of what is stated moves the values, "parameters parts"."""
+    stated = [one for one in numbers if one.uncertainty]
+    free = changes.reshape(len(changes), -1)
+    shifts = -fitted(free, np.reshape([one.change for one in stated], (len(stated), free.shape[1])), weight)
+    spread = np.array([one.uncertainty for one in stated])
+    return shifts @ root_covariance([one.name for one in stated], spread, correlations).T
 
 
 def check_model(
@@ -72,7 +108,7 @@ def check_model(
     sensitivity = -fitted(free, by_number, rows.weight)
     spread = np.array([one.uncertainty for one in numbers])
     named = [one.name for one in numbers if one.uncertainty]
-    moved = sensitivity[:, spread > 0] @ root_covariance(named, spread[spread > 0], correlations or {}).T
+    moved = stated_moves(free, numbers, rows.weight, correlations or {})
     assumptions = ranked(numbers, sensitivity, standard_error)
 
     # What the residual looks like beside what is free or stated to be uncertain.

@@ -13,7 +13,7 @@ from raytrace_jax.inverse.problem.prediction import PredictedPicture
 from raytrace_jax.inverse.problem.problem import FitState, Problem
 from raytrace_jax.inverse.problem.unknowns import Covariance, Image, PixelJacobian, Values, Vector
 from raytrace_jax.tracer.pixels import sample_offsets
-from raytrace_jax.util.numerics import TINY
+from raytrace_jax.util.numerics import TINY, solve_normal
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,11 +37,12 @@ class ResampledPicture:
     def at(self, y: Vector) -> PredictedPicture:
         """The picture at unknowns nearby; its derivative is that at the place."""
         # Listed pixels are sampled anew, all others follow the derivative.
-        step = (np.asarray(y, np.float64) - self.y)[list(self.problem.unknowns.traced)]
-        image = self.mean + np.tensordot(step, np.asarray(self.radiance.jacobian, np.float64), 1)
-        problem = self.problem
-        sampled = pixel_moments(problem, problem.scene_at(y), self.column, self.row, self.offsets)
-        image[:, self.row, self.column] = sampled.mean
+        problem, image, move = self.problem, self.mean, np.asarray(y, np.float64) - self.y
+        if move.any():
+            step = move[list(problem.unknowns.traced)]
+            image = image + np.tensordot(step, np.asarray(self.radiance.jacobian, np.float64), 1)
+            sampled = pixel_moments(problem, problem.scene_at(y), self.column, self.row, self.offsets)
+            image[:, self.row, self.column] = sampled.mean
         radiance = PredictedPicture(problem.array(image), self.radiance.jacobian)
         found = problem.camera.picture(radiance, y, problem.raster().frame)
         image = np.asarray(found.image, np.float64)
@@ -53,18 +54,23 @@ class ResampledPicture:
         """The state of a fit there."""
         return FitState(self.problem, y, stage, self.problem.linearize(y, stage, self.at(y)))
 
-    def needed_size(self, state: FitState) -> int:
+    def needed_size(self, state: FitState, error: Values | None = None) -> int:
         """The points of a lattice whose own error is a tenth of the squared residual at edges, or what time allows.
 
         A lattice of N points errs in the area of a straight edge by `.25 c N^-3/4`, rms over all edges of contrast c,
-        whose mean variance within a pixel is `c^2 / 6`. A regular grid that is known has no error of its own.
+        whose mean variance within a pixel is `c^2 / 6`. A regular grid that is known has no error of its own. Fewer
+        points do where they move the estimate by no more than a hundredth of its squared `error`.
         """
         if samples_of(self.problem) is not None:
             return 0
         root = np.asarray(state.problem.observation.root_weight, np.float64)[:, self.row, self.column]
         within = float(np.sum(self.variance * root**2)) * 6 * 0.25**2
         seen = float(np.sum(np.asarray(state.residual)[:, self.row, self.column] ** 2))
-        return sampling.lattice_size((10 * within / max(seen, TINY)) ** (2 / 3), most=2e7 / max(len(self.row), 1))
+        ratio = 10 * within / max(seen, TINY)
+        if error is not None:
+            pull = pulls(self.problem, self.jacobian, error)[:, :, self.row, self.column]
+            ratio = min(ratio, 100 * 6 * 0.25**2 * float(np.max(np.sum(pull**2 * self.variance, axis=(1, 2)))))
+        return sampling.lattice_size(ratio ** (2 / 3), most=2e7 / max(len(self.row), 1))
 
     @functools.cached_property
     def mean(self) -> Image:
@@ -124,11 +130,28 @@ class ResampledPicture:
         return apart @ apart.T
 
 
-def resampled(problem: Problem, y: Vector, stage: Stage, size: int, coarse: Moments | None = None) -> ResampledPicture:
+def pulls(problem: Problem, jacobian: PixelJacobian, error: Values) -> PixelJacobian:
+    """How far each number of a picture pulls the unknowns per unit of light, in their errors: `J^+ / error`."""
+    root = np.asarray(problem.observation.root_weight, np.float64)
+    flat = (jacobian * root).reshape(len(jacobian), -1)
+    found = solve_normal(flat @ flat.T, flat) / np.maximum(error, TINY)[:, None]
+    return found.reshape(jacobian.shape) * root
+
+
+def resampled(
+    problem: Problem,
+    y: Vector,
+    stage: Stage,
+    size: int,
+    coarse: Moments | None = None,
+    error: Values | None = None,
+) -> ResampledPicture:
     """The picture of n x n samples a pixel, or of a lattice of `size` points, near `y`.
 
     Args:
         coarse: `COARSE_SAMPLES` samples a pixel and side at `y`, if they are known.
+        error: the unknowns' standard errors, as far as they are known: pixels that matter little to them are not
+            sampled.
     """
     aware, radiance, samples = problem.picture(y, stage.edges), problem.radiance(y, stage.edges), samples_of(problem)
     if coarse is None:
@@ -144,12 +167,18 @@ def resampled(problem: Problem, y: Vector, stage: Stage, size: int, coarse: Mome
     image = problem.camera.image(coarse.mean, problem.values(y), problem.raster().frame)
     off = np.maximum(np.abs(coarse.mean - center), np.abs(image - np.asarray(aware.image))).max(axis=0)
     is_varied = off > 1e-4 * problem.observation.light_unit
+    place, jacobian = np.asarray(y, np.float64), np.asarray(aware.jacobian, np.float64)
+    if error is not None:
+        # Where this moves an unknown by how many errors; those that move it by a thirtieth in all are left out. At
+        # edges, which cross pixels anywhere, signs are random.
+        moves = np.max(np.sum(np.abs(pulls(problem, jacobian, error)), axis=1), axis=0) * off
+        sizes = np.sort(moves, axis=None)
+        is_varied &= moves > np.max(sizes[np.sqrt(np.cumsum(sizes**2)) < 0.03], initial=0)
     # An edge that cuts no more than a corner of a pixel is not seen by few samples, but by footprints.
     assert aware.sees_edge is not None
     row, column = np.nonzero(is_varied | aware.sees_edge)
     offsets = sampling.lattice_offsets(size) if samples is None else sample_offsets(samples)
     moments = pixel_moments(problem, problem.scene_at(y), column, row, offsets)
     mean[:, row, column] = moments.mean
-    place, jacobian = np.asarray(y, np.float64), np.asarray(aware.jacobian, np.float64)
     radiance = PredictedPicture(problem.array(mean), radiance.jacobian)
     return ResampledPicture(problem, offsets, place, radiance, jacobian, row, column, moments.variance)

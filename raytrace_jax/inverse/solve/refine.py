@@ -14,7 +14,7 @@ from raytrace_jax.inverse.observe.resampled import resampled
 from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem.linearize import LOSSES
 from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.problem.unknowns import Vector
+from raytrace_jax.inverse.problem.unknowns import Values, Vector
 from raytrace_jax.inverse.solve.solvers import GaussNewton, LevenbergMarquardt, levenberg_marquardt, minimise
 from raytrace_jax.inverse.solve.steps import LocalMinimum, Recorder
 from raytrace_jax.util.numerics import MAD_TO_SIGMA, finite_or_last
@@ -27,8 +27,12 @@ def select_solution(
     options: FitOptions,
     recorder: Recorder,
     detect: Callable[[Vector], sampling.SamplingKind],
+    error_of: Callable[[FitState], Values] | None = None,
 ) -> tuple[list[LocalMinimum], FitState]:
     """Solve the best minimum to the end, and those that the small pictures do not tell from it.
+
+    Args:
+        error_of: about the standard errors that the unknowns will have: what is far below them is not computed.
 
     Returns:
         All minima, best first, with their values and evidence where they were solved to the end; and the best one.
@@ -42,7 +46,7 @@ def select_solution(
     solutions: list[FitState] = []
     for minimum in (minima[0], *rivals):
         recorder.begin(minimum.summary.candidate, level)
-        solutions.append(refine(problem, minimum.y, options, recorder))
+        solutions.append(refine(problem, minimum.y, options, recorder, error_of))
         recorder.found(solution=solutions[0])
 
     # The best is now the one with the least loss. Losses compare at one scale only.
@@ -64,7 +68,13 @@ def first_stage(stage: Stage) -> Stage:
     return dataclasses.replace(stage, loss="cauchy") if stage.edges == "point" else stage
 
 
-def refine(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder) -> FitState:
+def refine(
+    problem: Problem,
+    y: Vector,
+    options: FitOptions,
+    recorder: Recorder,
+    error_of: Callable[[FitState], Values] | None = None,
+) -> FitState:
     """Solve the whole picture from the unknowns `y`.
 
     A point-sampled picture is smooth in its parameters but at the pixels that an edge passes; there it jumps, which no
@@ -98,14 +108,18 @@ def refine(problem: Problem, y: Vector, options: FitOptions, recorder: Recorder)
             is_aware = told == "aware"
             problem = problem if told == "aware" else sampling.sampled(problem, sampling.Sampling(told))
         if not is_aware:
-            return settle(problem, solution, recorder, coarse)
+            return settle(problem, solution, recorder, coarse, error_of and error_of(solution))
         if not explains(solution):
             return solution
     return solve_in_stages(problem, solution.y, stage, options.sigma, recorder, LevenbergMarquardt(steps))
 
 
 def settle(
-    problem: Problem, solution: FitState, recorder: Recorder, coarse: sampling.Moments | None = None
+    problem: Problem,
+    solution: FitState,
+    recorder: Recorder,
+    coarse: sampling.Moments | None = None,
+    error: Values | None = None,
 ) -> FitState:
     """Take steps on the picture as it was observed; the edge-aware derivative leads.
 
@@ -120,6 +134,8 @@ def settle(
 
     Args:
         coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
+        error: about the standard errors that the unknowns will have: samples that would move them by less are not
+            traced, and so short steps not taken.
     """
     stage, y, size, left = solution.stage, solution.y, sampling.lattice_size(), 4
     samples = sampling.samples_of(problem)
@@ -128,10 +144,10 @@ def settle(
     # large ball. What is not explained will not be explained by them.
     while True:
         recorder.phase(f"comparing with {whose}")
-        picture = resampled(problem, y, stage, size, coarse)
+        picture = resampled(problem, y, stage, size, coarse, error)
         near = functools.partial(picture.state, stage=stage)
-        lowest = minimise(GaussNewton(), near(y), near, recorder.step)
-        wanted, coarse, left = max(size, picture.needed_size(lowest)), None, left - 1
+        lowest = minimise(GaussNewton(error=error), near(y), near, recorder.step)
+        wanted, coarse, left = max(size, picture.needed_size(lowest, error)), None, left - 1
         moved = problem.distance(problem.values(lowest.y), problem.values(y))
         if (moved < 1e-3 and wanted == size) or left == 0 or not explains(lowest):
             break

@@ -174,12 +174,14 @@ class GaussNewton:
 
     Args:
         move: a step of so few standard errors is none.
+        error: the unknowns' standard errors, if more than the pictures' noise makes them.
         trust: radius in natural scales within which the linear model holds: a longer step is not taken, and the place
             is none of rest. From near the answer half and double do the same.
     """
 
     max_steps: int = 19
     move: float = 0.1
+    error: Values | None = None
     trust: float = 0.1
 
     def init(self, start: FitState) -> Pace:
@@ -198,6 +200,8 @@ class GaussNewton:
         to = shorten_step(problem, seen.y, here + step)
         rounding = resolution(here.dtype) * np.maximum(np.abs(here), 1)
         move = 0.0 if np.all(np.abs(np.asarray(to) - here) <= rounding) else move_in_errors(free)
+        if self.error is not None:
+            move = min(move, float(np.max(np.abs(step) / np.maximum(self.error, TINY))))
         reach = problem.distance(problem.values(to), problem.values(seen.y))
         if promised < memory.promised:
             best = dataclasses.replace(seen, settled=reach < self.trust, next_step=step, next_move=move)
