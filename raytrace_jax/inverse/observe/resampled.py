@@ -144,14 +144,13 @@ def resampled(
     stage: Stage,
     size: int,
     coarse: Moments | None = None,
-    error: Values | None = None,
+    noise: float = 0.0,
 ) -> ResampledPicture:
     """The picture of n x n samples a pixel, or of a lattice of `size` points, near `y`.
 
     Args:
         coarse: `COARSE_SAMPLES` samples a pixel and side at `y`, if they are known.
-        error: the unknowns' standard errors, as far as they are known: pixels that matter little to them are not
-            sampled.
+        noise: standard deviation of the weighted residuals: pixels that are off by far less are not sampled.
     """
     aware, radiance, samples = problem.picture(y, stage.edges), problem.radiance(y, stage.edges), samples_of(problem)
     if coarse is None:
@@ -162,23 +161,18 @@ def resampled(
     bend = (coarse.mean - center) / (1 - 1 / sampling.COARSE_SAMPLES**2)
     mean = center + (1 - 1 / samples**2 if samples is not None else 1) * bend
     # List the pixels in which that may fail, or where the edge-aware picture differs: these are sampled as the target.
-    # A ten-thousandth is a fortieth of a step of 8 bits; half and double leave the same error. Elsewhere the parabola
-    # lacks what is of fourth order, far below the square of that.
+    # A ten-thousandth is a fortieth of a step of 8 bits; half and double leave the same error. A tenth of the noise is a
+    # hundredth of its square. Elsewhere the parabola lacks what is of fourth order, far below the square of that.
     image = problem.camera.image(coarse.mean, problem.values(y), problem.raster().frame)
-    off = np.maximum(np.abs(coarse.mean - center), np.abs(image - np.asarray(aware.image))).max(axis=0)
-    is_varied = off > 1e-4 * problem.observation.light_unit
-    place, jacobian = np.asarray(y, np.float64), np.asarray(aware.jacobian, np.float64)
-    if error is not None:
-        # Where this moves an unknown by how many errors; those that move it by a thirtieth in all are left out. At
-        # edges, which cross pixels anywhere, signs are random.
-        moves = np.max(np.sum(np.abs(pulls(problem, jacobian, error)), axis=1), axis=0) * off
-        sizes = np.sort(moves, axis=None)
-        is_varied &= moves > np.max(sizes[np.sqrt(np.cumsum(sizes**2)) < 0.03], initial=0)
+    off = np.maximum(np.abs(coarse.mean - center), np.abs(image - np.asarray(aware.image)))
+    root = np.asarray(problem.observation.root_weight, np.float64)
+    is_varied = np.any(off * root > np.maximum(1e-4 * problem.observation.light_unit * root, 0.1 * noise), axis=0)
     # An edge that cuts no more than a corner of a pixel is not seen by few samples, but by footprints.
     assert aware.sees_edge is not None
     row, column = np.nonzero(is_varied | aware.sees_edge)
     offsets = sampling.lattice_offsets(size) if samples is None else sample_offsets(samples)
     moments = pixel_moments(problem, problem.scene_at(y), column, row, offsets)
     mean[:, row, column] = moments.mean
+    place, jacobian = np.asarray(y, np.float64), np.asarray(aware.jacobian, np.float64)
     radiance = PredictedPicture(problem.array(mean), radiance.jacobian)
     return ResampledPicture(problem, offsets, place, radiance, jacobian, row, column, moments.variance)

@@ -200,7 +200,8 @@ def detect_samples(
     # A few pixels leave some of them to be told by many. Of other targets no grid had more than 0.7 standard errors in
     # 40 draws of noise of 1, 2 or 4 of 255; of 8 x 8 samples the right one had 5.9 at least, 3.3 and .8.
     tried, clearly = ["aware", *GRIDS], 3.0
-    roughly, finely = [lattice_offsets(233)], [lattice_offsets(610), sample_offsets(24)]
+    # The mean over a pixel is told by more samples than any grid has.
+    roughly, finely = [lattice_offsets(610)], [lattice_offsets(610), sample_offsets(24)]
     for count, least, means in ((96, 1.0, roughly), (512, clearly, finely)):
         some = order[:count]
         finer = [of_samples(offsets, some) for offsets in means]

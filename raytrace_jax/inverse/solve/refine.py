@@ -134,9 +134,11 @@ def settle(
 
     Args:
         coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
-        error: about the standard errors that the unknowns will have: samples that would move them by less are not
-            traced, and so short steps not taken.
+        error: about the standard errors that the unknowns will have: samples that would move them by far less are not
+            traced, and so short steps are not taken.
     """
+    # The typical residual's: pixels at edges are off by what is to be found here.
+    noise = 0.0 if error is None else MAD_TO_SIGMA * float(solution.linearization.typical)
     stage, y, size, left = solution.stage, solution.y, sampling.lattice_size(), 4
     samples = sampling.samples_of(problem)
     whose = "a supersampled picture" if samples is None else "a picture of the target's own samples"
@@ -144,7 +146,7 @@ def settle(
     # large ball. What is not explained will not be explained by them.
     while True:
         recorder.phase(f"comparing with {whose}")
-        picture = resampled(problem, y, stage, size, coarse, error)
+        picture = resampled(problem, y, stage, size, coarse, noise)
         near = functools.partial(picture.state, stage=stage)
         lowest = minimise(GaussNewton(error=error), near(y), near, recorder.step)
         wanted, coarse, left = max(size, picture.needed_size(lowest, error)), None, left - 1
