@@ -161,8 +161,8 @@ def resampled(
     bend = (coarse.mean - center) / (1 - 1 / sampling.COARSE_SAMPLES**2)
     mean = center + (1 - 1 / samples**2 if samples is not None else 1) * bend
     # List the pixels in which that may fail, or where the edge-aware picture differs: these are sampled as the target.
-    # A ten-thousandth is a fortieth of a step of 8 bits; half and double leave the same error. A tenth of the noise is a
-    # hundredth of its square. Elsewhere the parabola lacks what is of fourth order, far below the square of that.
+    # A ten-thousandth is a fortieth of a step of 8 bits; half and double leave the same error. A tenth of the noise is
+    # a hundredth of its square. Elsewhere the parabola lacks what is of fourth order, far below the square of that.
     image = problem.camera.image(coarse.mean, problem.values(y), problem.raster().frame)
     off = np.maximum(np.abs(coarse.mean - center), np.abs(image - np.asarray(aware.image)))
     root = np.asarray(problem.observation.root_weight, np.float64)
