@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike, Float, Int
 
 from raytrace_jax.images import Bits, Transfer
 
@@ -142,12 +142,10 @@ def rounding_of(colors: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shap
     darkest and brightest numbers may have been anything beyond; and 16 and 32 bits of floating point. 0 if none fits.
     """
     colors = np.asarray(colors, np.float64)
+    # What does not fit a thousand numbers does not fit all.
+    few = colors.reshape(-1)[:: 1 + colors.size // 1000]
     for decoded, ends in (way for bits in (8, 16) for way in _ways_to_store(bits)):
-        # Of the two decoded numbers on either side the nearer one.
-        above = np.clip(np.searchsorted(decoded, colors), 1, len(decoded) - 1)
-        stored = above - (colors - decoded[above - 1] < decoded[above] - colors)
-        # Numbers are equal to a share of 5e-7, for they may have gone through float32.
-        if np.all(np.abs(colors - decoded[stored]) <= 5e-7 * np.abs(colors)):
+        if _as_stored(decoded, few) is not None and (stored := _as_stored(decoded, colors)) is not None:
             return np.maximum(ends[stored + 1] - colors, colors - ends[stored])
     for dtype in (np.float16, np.float32):
         with np.errstate(over="ignore"):
@@ -155,6 +153,15 @@ def rounding_of(colors: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shap
         if np.array_equal(stored.astype(np.float64), colors):
             return np.spacing(np.abs(stored)).astype(np.float64) / 2
     return np.zeros_like(colors)
+
+
+def _as_stored(decoded: np.ndarray, colors: Float[np.ndarray, "*shape"]) -> Int[np.ndarray, "*shape"] | None:
+    """The stored numbers that are decoded to some colours; None if not all of these are such."""
+    # Of the two decoded numbers on either side the nearer one.
+    above = np.clip(np.searchsorted(decoded, colors), 1, len(decoded) - 1)
+    stored = above - (colors - decoded[above - 1] < decoded[above] - colors)
+    # Numbers are equal to a share of 5e-7, for they may have gone through float32.
+    return stored if np.all(np.abs(colors - decoded[stored]) <= 5e-7 * np.abs(colors)) else None
 
 
 @functools.cache

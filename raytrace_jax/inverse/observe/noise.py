@@ -65,6 +65,12 @@ def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Matters) 
     over squares of pixels are few, and lose what crosses their borders.
     """
     count, farthest = len(jacobian), 7  # Pixels: to the far side of a block of a JPEG.
+    # Far from all that matters there is nothing to add up.
+    rows, columns = (np.flatnonzero(matters.any(axis=axes)) for axes in ((0, 2), (0, 1)))
+    if not len(rows):
+        return np.zeros((count, count))
+    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    jacobian, score, matters = (part[..., *window] for part in (jacobian, score, matters))
     jacobian, score = np.where(matters, jacobian, 0.0), np.where(matters, score, 0.0)
     variance = np.sum(score**2, axis=(1, 2)) / np.maximum(matters.sum(axis=(1, 2)), 1)
     number = matters.astype(score.dtype)

@@ -79,10 +79,13 @@ def rounding_scatter(jacobian: PixelJacobian, weight: Image, picture: Image, tar
     value, first = np.unique(target[stored], return_index=True)
     step = steps[stored][first]
     place = np.r_[0.0, np.cumsum(np.diff(value) * 2 / (step[1:] + step[:-1]))]
-    colour, size = np.interp(picture[stored], value, place), np.interp(picture[stored], value, step)
     # Noise of s steps moves a fraction of .8 s of all numbers beyond their step.
+    size = np.interp(picture[stored], value, step)
     beyond = float(np.mean(np.abs(picture[stored] - target[stored]) > size / 2))
     kept = np.exp(-((2 * np.pi * beyond / 0.8) ** 2))
+    # Most numbers of many pictures pull at nothing.
+    stored &= np.any(jacobian != 0, axis=0)
+    colour, size = np.interp(picture[stored], value, place), np.interp(picture[stored], value, step)
     pulling = jacobian[:, stored] * (weight[stored] * size)
     draws = 16
     for shift in (np.arange(draws) + 0.5) / draws:
