@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy import stats
+from scipy import special
 
 from raytrace_jax.inverse.judge.assumptions import Cause
 from raytrace_jax.inverse.judge.changes import SampledPicture, number_changes
@@ -209,8 +209,8 @@ def score_changes(rows: Rows, nuisance, changes, least_left: Float[np.ndarray, "
     freedom = np.maximum(1 / np.maximum(np.sum(fraction**2, axis=1), TINY) - 1, 1e-6)
     # What only one square sees has no spread, and its ratio no end. Student's distribution is computed up to 1e100.
     ratio = np.minimum(np.abs(products.sum(axis=1)) / spread, 1e100)
-    chance = stats.t.sf(ratio, freedom)
-    score = np.sign(evident[:, 0]) * stats.norm.isf(np.maximum(chance, TINY))
+    chance = special.stdtr(freedom, -ratio)
+    score = -np.sign(evident[:, 0]) * special.ndtri(np.maximum(chance, TINY))
 
     # The amount is that of all residuals, also of those that are no evidence.
     in_all = rest @ (rows.weight * rows.residual)
