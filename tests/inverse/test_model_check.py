@@ -22,7 +22,7 @@ from raytrace_jax.inverse.judge.candidate_causes import (
     fitted,
 )
 from raytrace_jax.inverse.judge.changes import pixels_to_check
-from raytrace_jax.inverse.judge.model_check import beyond, check_model
+from raytrace_jax.inverse.judge.model_check import beyond, check_model, expected_error
 from raytrace_jax.inverse.judge.structure import pair_scores
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.observe.noise import correlated_scatter, leverage_correction
@@ -50,6 +50,17 @@ def checked(target, stage=POINT, uncertain=None, **options):
 def assumption(found, name):
     (one,) = [a for a in found.assumptions if a.name == name]
     return one
+
+
+@pytest.mark.parametrize("uncertain", [{}, {C: 0.05}])
+def test_the_expected_error_is_the_final_one(uncertain):
+    """Of white noise, beside pixels that are off and few: these are what the last steps take away."""
+    target = picture(TRUTH) + white()
+    values, sure, found = checked(target, uncertain=uncertain)
+    problem = linear_problem(COLUMNS, np.where(np.abs(white()) > 2.8 * SIGMA, 5.0, target), free=FREE, start=TRUTH)
+    expected = expected_error(state_at(problem, problem.y_of(values)), uncertain, {})
+    total = np.sqrt(np.diag(sure.covariance + found.stated)) / problem.slopes(problem.y_of(values))
+    np.testing.assert_allclose(expected, total, rtol=0.35 if uncertain else 0.15)
 
 
 @pytest.mark.slow

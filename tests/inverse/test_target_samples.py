@@ -8,6 +8,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import FitOptions, RenderSettings, fit
 from raytrace_jax.inverse.judge.structure import block_scatter
+from raytrace_jax.inverse.observe.resampled import resampled
 from raytrace_jax.inverse.observe.sampling import (
     LATTICES,
     Sampling,
@@ -89,6 +90,26 @@ def test_steps_on_the_target_grid_end(problem, samples):
     assert found.settled and samples_of(found.problem) == samples
     assert abs(float(found.y[0] - problem.start()[0])) < 0.6 * spread < 0.01 / samples**2
     assert np.mean(np.abs(found.residual) > 1e-4) < 2e-3  # A sample or two that are on the other side of an edge.
+
+
+def test_digits_below_the_noise_are_not_computed(problem):
+    """Beside noise fewer pixels are sampled, with fewer samples, and a step that is short beside the error is none."""
+    y, sigma = problem.start(), 0.03
+    target = point_sampled(problem, y, 8).mean
+    one = posed(target + sigma * np.random.default_rng(2).normal(size=target.shape))
+    noise = sigma * float(np.max(one.observation.root_weight))
+    plain, less = (resampled(one, y, AWARE, 89, noise=size) for size in (0.0, noise))
+    assert len(less.row) < len(plain.row)
+    left_out = np.abs(np.asarray(less.at(y).image) - np.asarray(plain.at(y).image))
+    assert 0 < left_out.max() < 3 * sigma and np.sqrt(np.mean(left_out**2)) < 0.1 * sigma
+    # Of one whose error is said to be large the coarsest lattice is fine enough, and the start is the end.
+    exact = posed(target)
+    picture = resampled(exact, y, AWARE, 89)
+    state = picture.state(y, AWARE)
+    assert picture.needed_size(state, np.array([1.0])) == LATTICES[0] < picture.needed_size(state)
+    begun = state_at(exact, y + 3e-4, AWARE)
+    assert settle(exact, begun, Recorder(exact), error=np.array([1.0])).y == begun.y
+    assert settle(exact, begun, Recorder(exact), error=np.array([1e-6])).y != begun.y
 
 
 @pytest.mark.parametrize("size", LATTICES)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import time
 from collections.abc import Callable
 
 import jax.numpy as jnp
@@ -146,7 +147,11 @@ def settle(
     # large ball. What is not explained will not be explained by them.
     while True:
         recorder.phase(f"comparing with {whose}")
+        begun = time.monotonic()
         picture = resampled(problem, y, stage, size, coarse, noise)
+        # Each step samples as much again; most targets take two or three.
+        if (seconds := 3 * (time.monotonic() - begun)) > 10:
+            recorder.phase(f"comparing with {whose}: about {seconds:.0f} s")
         near = functools.partial(picture.state, stage=stage)
         lowest = minimise(GaussNewton(error=error), near(y), near, recorder.step)
         wanted, coarse, left = max(size, picture.needed_size(lowest, error)), None, left - 1
