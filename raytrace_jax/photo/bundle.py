@@ -11,7 +11,17 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
-from raytrace_jax.photo.geometry import AT, COUNT, Setup, misses, project, see_directly
+from raytrace_jax.photo.geometry import (
+    AT,
+    COUNT,
+    LOST,
+    Setup,
+    follow_directly,
+    follow_through,
+    inverse_of,
+    pixel_rays,
+    project,
+)
 from raytrace_jax.photo.lens import LensPrior, Turn
 from raytrace_jax.photo.photograph import Corners
 from raytrace_jax.util.compilation import jit
@@ -307,20 +317,32 @@ def _scale_of(view: PhotoView, known: Known) -> Setup:
 
 @jit
 def linearized(numbers: Numbers, size: Float[Array, "2"], direct, through):
-    """The misses of both groups of corners in pixels, and their derivatives by the numbers of a set-up."""
+    """The misses of both groups of corners in pixels, as `misses`, and their derivatives by the numbers of a set-up.
 
-    def both(numbers):
+    In air those that are seen directly are projected instead.
+    """
+    (pixels, places), count = (jnp.concatenate(both) for both in zip(direct, through, strict=True)), len(direct[0])
+    flat = jnp.concatenate([direct[1], jnp.zeros_like(direct[1][:, :1])], axis=1)
+
+    def look(numbers, step):
         setup = Setup.of(numbers)
-        pixels, places = direct
-        flat = jnp.concatenate([places, jnp.zeros_like(places[:, :1])], axis=1)
-        seen = jax.lax.cond(
-            setup.depth > 0,
-            lambda: misses(setup, size, pixels, places, see_directly),
-            lambda: project(setup, size, flat) - pixels,
-        )
-        return seen, misses(setup, size, *through)
+        o, d = pixel_rays(setup, size, pixels + step)
+        seen = follow_directly(setup, o[:, :count], d[:, :count]), follow_through(setup, o[:, count:], d[:, count:])
+        found = jax.tree.map(lambda *parts: jnp.concatenate(parts), *seen)
+        both = found.place, project(setup, size, flat)
+        return both, (*both, found.valid)
 
-    return both(numbers), jax.jacfwd(both)(numbers)
+    # The step is of all pixels: its derivative is the local map. One trace, for several take as much longer to compile.
+    slopes, (place, projected, valid) = jax.jacfwd(look, (0, 1), has_aux=True)(numbers, jnp.zeros(2, pixels.dtype))
+    (by_numbers, local_map), (projected_by_numbers, _) = slopes
+    inverse = inverse_of(local_map)
+    miss = jnp.where(valid[:, None], jnp.einsum("nij,nj->ni", inverse, place - places), LOST)
+    slope = jnp.where(valid[:, None, None], jnp.einsum("nij,njk->nik", inverse, by_numbers), 0.0)
+    is_air = Setup.of(numbers).depth <= 0
+    return (
+        (jnp.where(is_air, projected - direct[0], miss[:count]), miss[count:]),
+        (jnp.where(is_air, projected_by_numbers, slope[:count]), slope[count:]),
+    )
 
 
 def padded(corners: Corners) -> tuple[Float[np.ndarray, "padded 2"], Float[np.ndarray, "padded 2"]]:
