@@ -15,6 +15,7 @@ from raytrace_jax.photo.geometry import (
     AT,
     COUNT,
     LOST,
+    Seen,
     Setup,
     follow_directly,
     follow_through,
@@ -319,7 +320,7 @@ def _scale_of(view: PhotoView, known: Known) -> Setup:
 def linearized(numbers: Numbers, size: Float[Array, "2"], direct, through):
     """The misses of both groups of corners in pixels, as `misses`, and their derivatives by the numbers of a set-up.
 
-    In air those that are seen directly are projected instead.
+    In air places that are seen directly are projected to pixels instead.
     """
     (pixels, places), count = (jnp.concatenate(both) for both in zip(direct, through, strict=True)), len(direct[0])
     flat = jnp.concatenate([direct[1], jnp.zeros_like(direct[1][:, :1])], axis=1)
@@ -327,22 +328,23 @@ def linearized(numbers: Numbers, size: Float[Array, "2"], direct, through):
     def look(numbers, step):
         setup = Setup.of(numbers)
         o, d = pixel_rays(setup, size, pixels + step)
-        seen = follow_directly(setup, o[:, :count], d[:, :count]), follow_through(setup, o[:, count:], d[:, count:])
-        found = jax.tree.map(lambda *parts: jnp.concatenate(parts), *seen)
-        both = found.place, project(setup, size, flat)
-        return both, (*both, found.valid)
+        beside = jax.lax.cond(
+            setup.depth > 0,
+            lambda: follow_directly(setup, o[:, :count], d[:, :count]),
+            lambda: Seen(project(setup, size, flat), jnp.zeros(count, o.dtype), jnp.ones(count, bool)),
+        )
+        behind = follow_through(setup, o[:, count:], d[:, count:])
+        found = jax.tree.map(lambda *parts: jnp.concatenate(parts), beside, behind)
+        return found.place, found
 
-    # The step is of all pixels: its derivative is the local map. One trace, for several take as much longer to compile.
-    slopes, (place, projected, valid) = jax.jacfwd(look, (0, 1), has_aux=True)(numbers, jnp.zeros(2, pixels.dtype))
-    (by_numbers, local_map), (projected_by_numbers, _) = slopes
-    inverse = inverse_of(local_map)
-    miss = jnp.where(valid[:, None], jnp.einsum("nij,nj->ni", inverse, place - places), LOST)
-    slope = jnp.where(valid[:, None, None], jnp.einsum("nij,njk->nik", inverse, by_numbers), 0.0)
-    is_air = Setup.of(numbers).depth <= 0
-    return (
-        (jnp.where(is_air, projected - direct[0], miss[:count]), miss[count:]),
-        (jnp.where(is_air, projected_by_numbers, slope[:count]), slope[count:]),
-    )
+    # The step is of all pixels: its derivative is the local map. Several traces would take as much longer to compile.
+    (slope, local_map), found = jax.jacfwd(look, (0, 1), has_aux=True)(numbers, jnp.zeros(2, pixels.dtype))
+    is_projected = (Setup.of(numbers).depth <= 0) & (jnp.arange(len(pixels)) < count)
+    inverse = jnp.where(is_projected[:, None, None], jnp.eye(2, dtype=pixels.dtype), inverse_of(local_map))
+    off = found.place - jnp.where(is_projected[:, None], pixels, places)
+    miss = jnp.where(found.valid[:, None], jnp.einsum("nij,nj->ni", inverse, off), LOST)
+    slope = jnp.where(found.valid[:, None, None], jnp.einsum("nij,njk->nik", inverse, slope), 0.0)
+    return (miss[:count], miss[count:]), (slope[:count], slope[count:])
 
 
 def padded(corners: Corners) -> tuple[Float[np.ndarray, "padded 2"], Float[np.ndarray, "padded 2"]]:
