@@ -102,26 +102,28 @@ def _blurred(patches, blur: float):
 def _drawn(pixels, board: CharucoBoard, corners, see: See):
     """The board's brightness in patches of pixels, and which of them show what is near their corner."""
     place, valid = see(pixels.reshape(-1, 2).astype(float))
-    place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
+    valid = valid.reshape(pixels.shape[:-1])
     valid = np.asarray(minimum_filter(valid, (1, 5, 5), mode="constant"), bool)
 
+    # Coordinates come first, for NumPy is slow where the last axis is short.
+    place = np.ascontiguousarray(place.T).reshape(2, *valid.shape)
     # Beside a pixel's middle the place follows from Taylor's series, whose derivatives are differences of neighbours.
-    down, right = np.gradient(place, axis=(1, 2))
-    (down_down, down_right), right_right = np.gradient(down, axis=(1, 2)), np.gradient(right, axis=2)
+    down, right = np.gradient(place, axis=(2, 3))
+    (down_down, down_right), right_right = np.gradient(down, axis=(2, 3)), np.gradient(right, axis=3)
 
     # Rays lie a little aside in each row and column, or an edge along the pixels would be drawn to a ninth of one. The
     # fractional parts of multiples of the golden ratio are spread evenly, however many they are.
     total, count, near = np.zeros(valid.shape), np.zeros(valid.shape), valid
     aside = (np.moveaxis(np.indices(pixels.shape[1:3]), 0, -1) * 0.6180339887 % 1 - 0.5) / RAYS
     for off in offsets(1.0):
-        x, y = np.moveaxis(off + aside, -1, 0)[..., None]
+        x, y = np.moveaxis(off + aside, -1, 0)
         here = place + x * (right + x / 2 * right_right + y * down_right) + y * (down + y / 2 * down_down)
-        brightness = board.brightness(here)
+        brightness = board.brightness(np.moveaxis(here, 0, -1))
         known = valid & np.isfinite(brightness)
         total += np.where(known, brightness, 0.0)
         count += known
         # What is farther away than this share of a square belongs to the next corner.
-        near = near & known & np.all(np.abs(here - corners[:, None, None]) < 0.45 * board.square, axis=-1)
+        near = near & known & np.all(np.abs(here - corners.T[..., None, None]) < 0.45 * board.square, axis=0)
     inner = np.zeros_like(near)
     inner[:, MARGIN:-MARGIN, MARGIN:-MARGIN] = True
     return total / np.maximum(count, 1), near & inner

@@ -11,7 +11,18 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
-from raytrace_jax.photo.geometry import AT, COUNT, Setup, misses, project, see_directly
+from raytrace_jax.photo.geometry import (
+    AT,
+    COUNT,
+    LOST,
+    Seen,
+    Setup,
+    follow_directly,
+    follow_through,
+    inverse_of,
+    pixel_rays,
+    project,
+)
 from raytrace_jax.photo.lens import LensPrior, Turn
 from raytrace_jax.photo.photograph import Corners
 from raytrace_jax.util.compilation import jit
@@ -307,20 +318,33 @@ def _scale_of(view: PhotoView, known: Known) -> Setup:
 
 @jit
 def linearized(numbers: Numbers, size: Float[Array, "2"], direct, through):
-    """The misses of both groups of corners in pixels, and their derivatives by the numbers of a set-up."""
+    """The misses of both groups of corners in pixels, as `misses`, and their derivatives by the numbers of a set-up.
 
-    def both(numbers):
+    In air places that are seen directly are projected to pixels instead.
+    """
+    (pixels, places), count = (jnp.concatenate(both) for both in zip(direct, through, strict=True)), len(direct[0])
+    flat = jnp.concatenate([direct[1], jnp.zeros_like(direct[1][:, :1])], axis=1)
+
+    def look(numbers, step):
         setup = Setup.of(numbers)
-        pixels, places = direct
-        flat = jnp.concatenate([places, jnp.zeros_like(places[:, :1])], axis=1)
-        seen = jax.lax.cond(
+        o, d = pixel_rays(setup, size, pixels + step)
+        beside = jax.lax.cond(
             setup.depth > 0,
-            lambda: misses(setup, size, pixels, places, see_directly),
-            lambda: project(setup, size, flat) - pixels,
+            lambda: follow_directly(setup, o[:, :count], d[:, :count]),
+            lambda: Seen(project(setup, size, flat), jnp.zeros(count, o.dtype), jnp.ones(count, bool)),
         )
-        return seen, misses(setup, size, *through)
+        behind = follow_through(setup, o[:, count:], d[:, count:])
+        found = jax.tree.map(lambda *parts: jnp.concatenate(parts), beside, behind)
+        return found.place, found
 
-    return both(numbers), jax.jacfwd(both)(numbers)
+    # The step is of all pixels: its derivative is the local map. Several traces would take as much longer to compile.
+    (slope, local_map), found = jax.jacfwd(look, (0, 1), has_aux=True)(numbers, jnp.zeros(2, pixels.dtype))
+    is_projected = (Setup.of(numbers).depth <= 0) & (jnp.arange(len(pixels)) < count)
+    inverse = jnp.where(is_projected[:, None, None], jnp.eye(2, dtype=pixels.dtype), inverse_of(local_map))
+    off = found.place - jnp.where(is_projected[:, None], pixels, places)
+    miss = jnp.where(found.valid[:, None], jnp.einsum("nij,nj->ni", inverse, off), LOST)
+    slope = jnp.where(found.valid[:, None, None], jnp.einsum("nij,njk->nik", inverse, slope), 0.0)
+    return (miss[:count], miss[count:]), (slope[:count], slope[count:])
 
 
 def padded(corners: Corners) -> tuple[Float[np.ndarray, "padded 2"], Float[np.ndarray, "padded 2"]]:

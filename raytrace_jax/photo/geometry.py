@@ -186,7 +186,12 @@ def pixel_rays(
 
 def see_directly(setup: Setup, size: Size, pixels: Float[Array, "n 2"]) -> Seen:
     """Where pixels see the board's plane if nothing but liquid is in the way."""
-    place, distance = on_board(*_into_liquid(setup, *pixel_rays(setup, size, pixels)))
+    return follow_directly(setup, *pixel_rays(setup, size, pixels))
+
+
+def follow_directly(setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]) -> Seen:
+    """Follow rays to the board's plane."""
+    place, distance = on_board(*_into_liquid(setup, o, d))
     return Seen(place, jnp.zeros_like(distance), distance > 0)
 
 
@@ -211,7 +216,11 @@ def on_board(
 
 def see_through(setup: Setup, size: Size, pixels: Float[Array, "n 2"]) -> Seen:
     """Follow the rays of pixels through the ball or the tank to the board's plane."""
-    o, d = pixel_rays(setup, size, pixels)
+    return follow_through(setup, *pixel_rays(setup, size, pixels))
+
+
+def follow_through(setup: Setup, o: Float[Array, "3 n"], d: Float[Array, "3 n"]) -> Seen:
+    """Follow rays through the ball or the tank to the board's plane."""
     return jax.lax.cond(setup.thickness > 0, _through_tank, _through_ball, setup, o, d)
 
 
@@ -267,11 +276,8 @@ def local_map(
     setup: Setup, size: Size, pixels: Float[Array, "n 2"], see: Callable[..., Seen] = see_through
 ) -> Float[Array, "n 2 2"]:
     """The derivative of the place that is seen through ball or tank, or directly, by the pixel, "place pixel"."""
-
-    def place(pixel):
-        return see(setup, size, pixel[None]).place[0]
-
-    return jax.vmap(jax.jacfwd(place))(pixels)
+    # A step of all pixels moves each one's place alone: one trace for all.
+    return jax.jacfwd(lambda step: see(setup, size, pixels + step).place)(jnp.zeros(2, pixels.dtype))
 
 
 def misses(
@@ -287,12 +293,12 @@ def misses(
     come through misses by `LOST`, so that no adjustment gains by losing corners.
     """
     found = see(setup, size, pixels)
-    inverse = jax.lax.stop_gradient(_inverse(local_map(setup, size, pixels, see)))
+    inverse = jax.lax.stop_gradient(inverse_of(local_map(setup, size, pixels, see)))
     miss = jnp.einsum("nij,nj->ni", inverse, found.place - places)
     return jnp.where(found.valid[:, None], miss, LOST)
 
 
-def _inverse(matrix: Float[Array, "n 2 2"]) -> Float[Array, "n 2 2"]:
+def inverse_of(matrix: Float[Array, "n 2 2"]) -> Float[Array, "n 2 2"]:
     """The inverse of each matrix; 0 where it has none."""
     (a, b), (c, d) = (matrix[:, 0, 0], matrix[:, 0, 1]), (matrix[:, 1, 0], matrix[:, 1, 1])
     determinant = a * d - b * c

@@ -65,5 +65,5 @@ def _terms(place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, "terms *any"
     paper's light in room 6 of `experiments/photograph`.
     """
     legendre = [np.polynomial.legendre.Legendre.basis(n) for n in range(5)]
-    x, y = np.moveaxis(place, -1, 0)
-    return np.stack([legendre[i](x) * legendre[n - i](y) for n in range(5) for i in range(n + 1)])
+    x, y = ([one(axis) for one in legendre] for axis in np.moveaxis(place, -1, 0))
+    return np.stack([x[i] * y[n - i] for n in range(5) for i in range(n + 1)])

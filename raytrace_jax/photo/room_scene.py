@@ -18,6 +18,7 @@ from raytrace_jax.scene import build
 from raytrace_jax.scene.build import make_scene
 from raytrace_jax.scene.rows import Description
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.util.compilation import jit
 
 FREE = ("ball.ior", "ball.center", "film.gain", "film.blur", "sky.radiance")
 """What a fit finds: the glass, its place, what is left of exposure and white balance, the camera's blur, and the room
@@ -68,7 +69,6 @@ def light_options(room: RoomScene) -> FitOptions:
 def room_scene(located: Located, flat: Flattened) -> RoomScene:
     """The scene of a flattened photograph, in the board's frame and unit of length."""
     grid, setup = flat.grid, located.setup
-    vector = jnp.asarray(setup.vector)
     # The board shines by itself, for the photograph was divided by the light on it.
     ball = build.sphere("ball", material="glass", center=setup.center, radius=float(setup.radius))
     glass = build.material("glass", transmission=1, ior=float(setup.ior))
@@ -80,15 +80,9 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
         ]
     scene = _scene(located, grid, flat.field.ink, shapes)
 
-    # The covariance of the scene's numbers, from that of camera and ball.
-    def of_scene(vector):
-        setup = Setup.of(vector)
-        eye = _eye(setup, located.size, grid)
-        camera = [eye[name] for name in ("viewpoint", "lookat", "fov", "distortion", "center")]
-        return jnp.hstack([setup.ior, setup.center, *camera, setup.radius])
-
-    # What is held still in the fit, with its errors and their correlations.
-    slope = np.asarray(jax.jacfwd(of_scene)(vector))
+    # The covariance of the scene's numbers, from that of camera and ball. What is held still in the fit has errors and
+    # correlations of these.
+    slope = np.asarray(_slope(setup.vector, located.size, grid))
     whole = slope @ located.covariance @ slope.T
     covariance = whole[len(GLASS) :, len(GLASS) :]
     spread = np.sqrt(np.diagonal(covariance))
@@ -129,7 +123,7 @@ def tank_scene(located: Located) -> Scene:
 
 def _scene(located: Located, grid: PixelGrid, ink: Float[np.ndarray, "3"], glass: Sequence[Description]) -> Scene:
     """The camera, the board with ink of this brightness, and what is before it."""
-    eye = _eye(Setup.of(jnp.asarray(located.setup.vector)), located.size, grid)
+    eye = _eye(located.setup.vector, located.size, grid)
     half = located.board.half
     # Light that has been reflected within a ball three times is left out: of a glass of 1.8 it is 6e-4, of one of 1.5
     # 6e-5.
@@ -145,8 +139,21 @@ def _scene(located: Located, grid: PixelGrid, ink: Float[np.ndarray, "3"], glass
     )
 
 
-def _eye(setup: Setup, size: tuple[int, int], grid: PixelGrid) -> dict[str, Float[Array, "..."]]:
+@jit
+def _slope(vector: Float[Array, " numbers"], size, grid) -> Float[Array, "scene numbers"]:
+    """The derivative of what `GLASS` and `UNCERTAIN` name by the set-up's numbers."""
+
+    def of_scene(vector):
+        setup, eye = Setup.of(vector), _eye_of(vector, size, grid)
+        camera = [eye[name] for name in ("viewpoint", "lookat", "fov", "distortion", "center")]
+        return jnp.hstack([setup.ior, setup.center, *camera, setup.radius])
+
+    return jax.jacfwd(of_scene)(vector)
+
+
+def _eye_of(vector: Float[Array, " numbers"], size, grid) -> dict[str, Float[Array, "..."]]:
     """The camera of the cut and binned picture, as a scene says it."""
+    setup = Setup.of(vector)
     camera = camera_of(setup)
     reach = jnp.tan(jnp.deg2rad(setup.fov) / 2) * (grid.size[0] * grid.binning / size[0])
     return {
@@ -154,9 +161,12 @@ def _eye(setup: Setup, size: tuple[int, int], grid: PixelGrid) -> dict[str, Floa
         "lookat": camera.lookat,
         "up": camera.up,
         "fov": jnp.rad2deg(2 * jnp.arctan(reach)),
-        "center": (principal_point(setup, size) - np.array(grid.left, float) + 0.5) / grid.binning - 0.5,
+        "center": (principal_point(setup, size) - jnp.asarray(grid.left, float) + 0.5) / grid.binning - 0.5,
         "distortion": camera.distortion,
     }
+
+
+_eye = jit(_eye_of)
 
 
 def _texture(board: CharucoBoard, ink: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 rows columns"]:

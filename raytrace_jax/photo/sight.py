@@ -17,8 +17,8 @@ REACH = 0.94
 """What is seen through the glass counts within this fraction of the outline's radius: the rim is squashed and shows the
 room."""
 
-AT_ONCE = (1 << 12, 1 << 15)
-"""Sizes of compiled programs in rays, for few pixels and for many: all photographs share these two."""
+AT_ONCE = 1 << 12
+"""The size of compiled programs in rays, which all photographs share. With more, few rays take as long as many."""
 
 PixelPlaces = Float[np.ndarray, "n 2"]
 
@@ -126,10 +126,9 @@ class Sight:
     def _by(self, what: str, values: np.ndarray) -> Any:
         """The results of a function of `geometry` for many rows, some at a time, as arrays of NumPy."""
         count, size, found = len(values), np.asarray(self.size, float), []
-        at_once = AT_ONCE[count > AT_ONCE[0]]
-        for first in range(0, max(count, 1), at_once):
-            part = values[first : first + at_once]
-            rows = np.pad(np.asarray(part, float), ((0, at_once - len(part)), (0, 0)))
+        for first in range(0, max(count, 1), AT_ONCE):
+            part = values[first : first + AT_ONCE]
+            rows = np.pad(np.asarray(part, float), ((0, AT_ONCE - len(part)), (0, 0)))
             found.append(_run(self._vector, size, rows, what=what))
         return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *found)
 
