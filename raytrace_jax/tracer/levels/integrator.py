@@ -226,8 +226,7 @@ class Wavefront:
         """The results with those of a wave: each ray blends what its children bring back."""
         head, end = queue.heads[wave], queue.heads[wave + 1]
         is_own = head + jnp.arange(self.chunk, dtype=jnp.int32) < end
-        own = materialize(self.read(queue.traced, head), is_own)
-        blended = materialize(combine(self.settings, results, own), is_own)
+        blended = combine(self.settings, results, self.read(queue.traced, head))
         return write(results, select(is_own, blended, self.read(results, head)), head)
 
 
