@@ -178,18 +178,18 @@ def margin_at(problem: Problem, y: Vector) -> int:
 
 
 def pixels_to_check(
-    problem: Problem, y: Vector, stage: Stage, linearization: Linearization | None = None, most: int | None = None
+    problem: Problem, y: Vector, stage: Stage, linearization: Linearization | None = None, most: int = 20_000
 ) -> SampledPicture:
     """The pixels that stand for a picture, about so many at most.
 
-    Some pixels at the rim of glass decide as much as all others: pixels are chosen in proportion to their derivatives.
-    Edge-aware ones cost ten times as much. Of 19,200 such pixels 8,000 tell how an estimate moves to a hundredth, and
-    as many that are chosen evenly to a tenth.
+    In a point-sampled picture some pixels at the rim of glass decide as much as all others: pixels are chosen in
+    proportion to their derivatives. Edge-aware pixels are chosen evenly: 8,000 of 19,200 by their derivatives tell how
+    an estimate moves to a hundredth, but do not see a board whose squares are .05 % larger (an index 10 errors off),
+    nor do 8,000 of which half are chosen by their residuals. 20,000 are all of 160 x 120.
     """
-    most = most or (20_000 if stage.edges == "point" else 8_000)
     counts = problem.observation.counts
     decides = np.ones(counts.shape)
-    if linearization is not None:
+    if stage.edges == "point" and linearization is not None:
         length = np.linalg.norm(np.asarray(linearization.jacobian, np.float64), axis=0)
         jacobian = np.asarray(linearization.pixel_jacobian, np.float64) / np.maximum(length, TINY)[:, None, None, None]
         decides = np.sqrt(np.sum(jacobian**2, axis=(0, 1)))
