@@ -64,6 +64,15 @@ def test_the_expected_error_is_the_final_one(uncertain):
     np.testing.assert_allclose(expected, total, rtol=0.35 if uncertain else 0.15)
 
 
+def test_the_expected_error_leaves_the_film_out():
+    """Also where nothing else is stated, and where a film's number correlates with one of the scene's."""
+    state = state_at(linear_problem(COLUMNS, picture(TRUTH) + white(), free=FREE, start=TRUTH))
+    film, both = {"film.gamma": 0.1}, {"film.gamma": 0.1, C: 0.005}
+    np.testing.assert_array_equal(expected_error(state, film, {}), expected_error(state, {}, {}))
+    correlated = expected_error(state, both, {("film.gamma", C): 0.5})
+    np.testing.assert_array_equal(correlated, expected_error(state, {C: 0.005}, {}))
+
+
 @pytest.mark.slow
 def test_the_sensitivity_is_that_of_two_fits():
     target = picture(TRUTH) + white()

@@ -107,6 +107,7 @@ def test_digits_below_the_noise_are_not_computed(problem):
     picture = resampled(exact, y, AWARE, 89)
     state = picture.state(y, AWARE)
     assert picture.needed_size(state, np.array([1.0])) == LATTICES[0] < picture.needed_size(state)
+    assert picture.needed_size(state, np.array([0.0])) == picture.needed_size(state)
     begun = state_at(exact, y + 3e-4, AWARE)
     assert settle(exact, begun, Recorder(exact), error=np.array([1.0])).y == begun.y
     assert settle(exact, begun, Recorder(exact), error=np.array([1e-6])).y != begun.y

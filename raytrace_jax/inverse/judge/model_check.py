@@ -5,6 +5,7 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 from scipy import ndimage
 
 from raytrace_jax.inverse.judge.assumptions import Assumption, ModelCheck
@@ -20,7 +21,7 @@ from raytrace_jax.inverse.judge.candidate_causes import (
 )
 from raytrace_jax.inverse.judge.changes import extent_of, parameter_changes, pixels_to_check
 from raytrace_jax.inverse.judge.structure import block_scatter, pair_scores
-from raytrace_jax.inverse.problem.fixed import root_covariance
+from raytrace_jax.inverse.problem.fixed import fixed_numbers, root_covariance
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.problem.unknowns import Image, Values
@@ -43,24 +44,28 @@ def expected_error(
     triangle = np.asarray(linearization.jacobian, np.float64)
     sigma = MAD_TO_SIGMA * float(linearization.typical)
     variance = sigma**2 * np.diagonal(solve_normal(triangle.T @ triangle, np.eye(triangle.shape[1])))
-    if not uncertain:
+    names = fixed_numbers(problem, uncertain).keys() & uncertain
+    if not names:
         return np.sqrt(variance)
     pixels = pixels_to_check(problem, state.y, state.stage, linearization, most=4000)
     pixels = dataclasses.replace(pixels, check_clock=check_clock)
     weight = (pixels.sampled.of(state.under_loss("weight")) / pixels.sampled.probability).reshape(-1)
     numbers = list(scene_candidates(pixels, uncertain, only_stated=True))
-    moved = stated_moves(parameter_changes(pixels), numbers, weight, correlations)
+    free = parameter_changes(pixels)
+    free, by_number = (np.reshape(each, (len(each), -1)) for each in (free, [one.change for one in numbers]))
+    among = {pair: value for pair, value in correlations.items() if names.issuperset(pair)}
+    moved = stated_moves(-fitted(free, by_number, weight), numbers, among)
     stated = np.sum(moved**2, axis=1) / np.maximum(problem.slopes(state.y) ** 2, TINY)
     return np.sqrt(np.minimum(variance + stated, 30**2 * variance))
 
 
-def stated_moves(changes, numbers: Sequence[CandidateCause], weight, correlations: Mapping[tuple[str, str], float]):
-    """How far each independent part of what is stated moves the values, "parameters parts"."""
-    stated = [one for one in numbers if one.uncertainty]
-    free = changes.reshape(len(changes), -1)
-    shifts = -fitted(free, np.reshape([one.change for one in stated], (len(stated), free.shape[1])), weight)
-    spread = np.array([one.uncertainty for one in stated])
-    return shifts @ root_covariance([one.name for one in stated], spread, correlations).T
+def stated_moves(
+    sensitivity, numbers: Sequence[CandidateCause], correlations: Mapping[tuple[str, str], float]
+) -> Float[np.ndarray, "parameters parts"]:
+    """How far each independent part of what is stated of some numbers moves the values, by their sensitivity."""
+    stated = [k for k, one in enumerate(numbers) if one.uncertainty]
+    spread = np.array([numbers[k].uncertainty for k in stated])
+    return sensitivity[:, stated] @ root_covariance([numbers[k].name for k in stated], spread, correlations).T
 
 
 def check_model(
@@ -109,7 +114,7 @@ def check_model(
     sensitivity = -fitted(free, by_number, rows.weight)
     spread = np.array([one.uncertainty for one in numbers])
     named = [one.name for one in numbers if one.uncertainty]
-    moved = stated_moves(free, numbers, rows.weight, correlations or {})
+    moved = stated_moves(sensitivity, numbers, correlations or {})
     assumptions = ranked(numbers, sensitivity, standard_error)
 
     # What the residual looks like beside what is free or stated to be uncertain.

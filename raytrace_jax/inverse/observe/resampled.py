@@ -67,7 +67,7 @@ class ResampledPicture:
         within = float(np.sum(self.variance * root**2)) * 6 * 0.25**2
         seen = float(np.sum(np.asarray(state.residual)[:, self.row, self.column] ** 2))
         ratio = 10 * within / max(seen, TINY)
-        if error is not None:
+        if error is not None and np.all(error > 0):
             pull = pulls(self.problem, self.jacobian, error)[:, :, self.row, self.column]
             ratio = min(ratio, 100 * 6 * 0.25**2 * float(np.max(np.sum(pull**2 * self.variance, axis=(1, 2)))))
         return sampling.lattice_size(ratio ** (2 / 3), most=2e7 / max(len(self.row), 1))

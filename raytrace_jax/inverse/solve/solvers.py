@@ -174,7 +174,7 @@ class GaussNewton:
 
     Args:
         move: a step of so few standard errors is none.
-        error: the unknowns' standard errors, if more than the pictures' noise makes them.
+        error: the unknowns' total standard errors: a step of so few of these is none, either.
         trust: radius in natural scales within which the linear model holds: a longer step is not taken, and the place
             is none of rest. From near the answer half and double do the same.
     """
