@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from raytrace_jax.batch.jobs import Job
-from raytrace_jax.batch.run import JobRecord, read_record, run_and_record, write_record
-from raytrace_jax.errors import RaytraceError, one_sentence
-from raytrace_jax.util.session import jax_session
+from ..errors import RaytraceError, one_sentence
+from ..util.session import jax_session
+from .jobs import Job
+from .run import JobRecord, read_record, run_and_record, write_record
 
 SECONDS_TO_CONNECT = 30
 SECONDS_BETWEEN_LOOKS = 0.2

@@ -13,14 +13,14 @@ from typing import Any, Literal
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax._version import __version__
-from raytrace_jax.batch.plan import OPTIONS, BatchPlan, PlannedScene, Values
-from raytrace_jax.scene.parameters import set_parameters
-from raytrace_jax.scene.reader import parse_scene
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.table import BLOCK_TYPES
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.settings import Precision
+from .._version import __version__
+from ..scene.parameters import set_parameters
+from ..scene.reader import parse_scene
+from ..scene.scene import Scene
+from ..scene.table import BLOCK_TYPES
+from ..tracer.resolved_settings import ResolvedSettings
+from ..tracer.settings import Precision
+from .plan import OPTIONS, BatchPlan, PlannedScene, Values
 
 TableCell = float | int | str | None
 Row = dict[str, TableCell]

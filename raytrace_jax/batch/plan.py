@@ -8,19 +8,19 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from raytrace_jax.batch.plan_file import RANGE, Keys, PlanError, PlanFile, Value, read_value, read_values, shown
-from raytrace_jax.errors import reworded
-from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.fixed import numbers_of, standard_deviation
-from raytrace_jax.scene.parameters import scalar_names, set_parameters
-from raytrace_jax.scene.reader import load_scene
-from raytrace_jax.scene.scene import Scene, fingerprint
-from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
-from raytrace_jax.scene.writer import format_scene
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.settings import Precision, RenderSettings
-from raytrace_jax.util.checked import Checked, Wanted, hints
-from raytrace_jax.util.files import read_bytes
+from ..errors import reworded
+from ..inverse.options import FitOptions
+from ..inverse.problem.fixed import numbers_of, standard_deviation
+from ..scene.parameters import scalar_names, set_parameters
+from ..scene.reader import load_scene
+from ..scene.scene import Scene, fingerprint
+from ..scene.setting_words import MAX_SAMPLES, EdgeMode
+from ..scene.writer import format_scene
+from ..tracer.resolved_settings import ResolvedSettings, resolve_settings
+from ..tracer.settings import Precision, RenderSettings
+from ..util.checked import Checked, Wanted, hints
+from ..util.files import read_bytes
+from .plan_file import RANGE, Keys, PlanError, PlanFile, Value, read_value, read_values, shown
 
 
 class PlannedScene(NamedTuple):

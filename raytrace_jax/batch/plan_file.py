@@ -6,11 +6,11 @@ from collections.abc import Collection, Container, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_origin
 
-from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError, reworded
-from raytrace_jax.util.checked import Checked, Wanted, core, hints, in_words, is_row, suits
-from raytrace_jax.util.digits import evenly_spaced
-from raytrace_jax.util.files import read_toml
-from raytrace_jax.util.text import did_you_mean, listed, quoted
+from ..errors import ParameterError, RaytraceError, SettingsError, reworded
+from ..util.checked import Checked, Wanted, core, hints, in_words, is_row, suits
+from ..util.digits import evenly_spaced
+from ..util.files import read_toml
+from ..util.text import did_you_mean, listed, quoted
 
 T = TypeVar("T")
 

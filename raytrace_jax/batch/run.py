@@ -12,22 +12,22 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, file_name, job_scene
-from raytrace_jax.batch.plan import OPTIONS
-from raytrace_jax.errors import RaytraceError, one_sentence
-from raytrace_jax.images import jpeg, masks, pictures
-from raytrace_jax.images.png import write_png
-from raytrace_jax.inverse.build_problem import as_file_says
-from raytrace_jax.inverse.estimate import fit
-from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.films import write_derivatives, write_film
-from raytrace_jax.report.fit_report.summary import summarize
-from raytrace_jax.scene.parameters import set_parameters
-from raytrace_jax.scene.writer import save_scene
-from raytrace_jax.tracer.derivatives import picture_derivatives
-from raytrace_jax.tracer.rendering import render
-from raytrace_jax.util.files import atomic_write, json_text, read_bytes, write_text
+from ..errors import RaytraceError, one_sentence
+from ..images import jpeg, masks, pictures
+from ..images.png import write_png
+from ..inverse.build_problem import as_file_says
+from ..inverse.estimate import fit
+from ..inverse.options import FitOptions
+from ..inverse.result import FitResult
+from ..report.films import write_derivatives, write_film
+from ..report.fit_report.summary import summarize
+from ..scene.parameters import set_parameters
+from ..scene.writer import save_scene
+from ..tracer.derivatives import picture_derivatives
+from ..tracer.rendering import render
+from ..util.files import atomic_write, json_text, read_bytes, write_text
+from .jobs import OF_NOISE, TOTAL, Job, file_name, job_scene
+from .plan import OPTIONS
 
 FOLDER = "records"
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, Row, cell_text, target_cells, value_cells
-from raytrace_jax.batch.run import JobRecord, read_record
-from raytrace_jax.report.panels import page_template
-from raytrace_jax.util.digits import with_error
-from raytrace_jax.util.files import write_text
+from ..report.panels import page_template
+from ..util.digits import with_error
+from ..util.files import write_text
+from .jobs import OF_NOISE, TOTAL, Job, Row, cell_text, target_cells, value_cells
+from .run import JobRecord, read_record
 
 CSV, PAGE = "results.csv", "index.html"
 

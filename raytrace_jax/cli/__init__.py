@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Sequence
 
-from raytrace_jax._version import __version__
+from .._version import __version__
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -21,14 +21,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         # What `timeout`, SLURM and Docker send before they kill ends a command as Ctrl-C does: nothing is lost.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     if "--version" in arguments:
-        from raytrace_jax.util.cache_folder import describe_cache
+        from ..util.cache_folder import describe_cache
 
         print(f"raytrace-jax {__version__}", describe_cache(), sep="\n")
         code = 0
     else:
         # Not at the top: whoever asks for the version need not wait for what reads the other arguments.
-        from raytrace_jax.cli.console import TYPED
-        from raytrace_jax.cli.dispatch import run
+        from .console import TYPED
+        from .dispatch import run
 
         TYPED.set(tuple(arguments))
         code = run(arguments)

@@ -7,8 +7,8 @@ from contextvars import ContextVar
 from rich.console import Console
 from rich.text import Text
 
-from raytrace_jax.errors import ParameterError, SettingsError, reworded
-from raytrace_jax.util.text import aligned
+from ..errors import ParameterError, SettingsError, reworded
+from ..util.text import aligned
 
 TYPED: ContextVar[tuple[str, ...]] = ContextVar("typed", default=())
 """The arguments of the command that runs, as they were typed, for reports."""

@@ -21,12 +21,12 @@ from typing import Annotated, Any, NamedTuple, Union
 
 import tyro
 
-from raytrace_jax.cli.console import UsageError, print_error, show_warning
-from raytrace_jax.cli.options import fits, scenes
-from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
-from raytrace_jax.scene.bundled import no_such_scene, scene_path
-from raytrace_jax.util.files import read_bytes, read_toml
-from raytrace_jax.util.text import did_you_mean, listed, quoted
+from ..errors import ParameterError, RaytraceError, one_sentence
+from ..scene.bundled import no_such_scene, scene_path
+from ..util.files import read_bytes, read_toml
+from ..util.text import did_you_mean, listed, quoted
+from .console import UsageError, print_error, show_warning
+from .options import fits, scenes
 
 
 class Entry(NamedTuple):
@@ -185,7 +185,7 @@ def _run(arguments: Sequence[str]) -> int:
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = show_warning
         # Imported here, since most of a command's imports start with JAX: seconds that --help need not wait.
-        actions = importlib.import_module(f"raytrace_jax.cli.actions.{module}")
+        actions = importlib.import_module(f".actions.{module}", __package__)
         return getattr(actions, f"run_{name}")(command) or 0
 
 

@@ -7,19 +7,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from raytrace_jax.cli.console import UsageError, blamed_on, print_warning
-from raytrace_jax.cli.options import PictureCommand
-from raytrace_jax.cli.options.scenes import View
-from raytrace_jax.errors import ParameterError, RaytraceError
-from raytrace_jax.scene.bundled import scene_folder
-from raytrace_jax.scene.checks import scene_warnings
-from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters, shared_with, with_film
-from raytrace_jax.scene.reader import load_scene, parse_scene
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.util.files import write_failure
-from raytrace_jax.util.text import listed
+from ..errors import ParameterError, RaytraceError
+from ..scene.bundled import scene_folder
+from ..scene.checks import scene_warnings
+from ..scene.parameters import parse_assignment, scalar_names, set_parameters, shared_with, with_film
+from ..scene.reader import load_scene, parse_scene
+from ..scene.scene import Scene
+from ..scene.setting_words import ModelName
+from ..tracer.resolved_settings import ResolvedSettings, resolve_settings
+from ..util.files import write_failure
+from ..util.text import listed
+from .console import UsageError, blamed_on, print_warning
+from .options import PictureCommand
+from .options.scenes import View
 
 
 def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | None) -> Scene:

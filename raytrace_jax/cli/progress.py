@@ -9,8 +9,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from raytrace_jax.inverse.result import FitStep
-from raytrace_jax.util.compilation import is_compiling
+from ..inverse.result import FitStep
+from ..util.compilation import is_compiling
 
 SECONDS_BETWEEN = 5.0  # Where there is no terminal, the least time between two lines on one kind of work.
 SILENCE = 8.0  # There, the time without any line after which one says that work goes on.

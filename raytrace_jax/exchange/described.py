@@ -9,17 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.media import PARALLEL, surface_media
-from raytrace_jax.scene import build
-from raytrace_jax.scene.parameters import Block, blocks_of, material_of, shape_blocks
-from raytrace_jax.scene.response import FILM_EFFECTS, without_idle
-from raytrace_jax.scene.rows import Description
-from raytrace_jax.scene.scene import PerspectiveCamera, Scene
-from raytrace_jax.scene.slabs import with_planes
-from raytrace_jax.tracer.geometry.camera import pixel_step, ray
-from raytrace_jax.tracer.geometry.plane import LEVEL
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from ..errors import SceneError
+from ..scene import build
+from ..scene.parameters import Block, blocks_of, material_of, shape_blocks
+from ..scene.response import FILM_EFFECTS, without_idle
+from ..scene.rows import Description
+from ..scene.scene import PerspectiveCamera, Scene
+from ..scene.slabs import with_planes
+from ..tracer.geometry.camera import pixel_step, ray
+from ..tracer.geometry.plane import LEVEL
+from ..tracer.resolved_settings import ResolvedSettings
+from .media import PARALLEL, surface_media
 
 
 class Texture(NamedTuple):

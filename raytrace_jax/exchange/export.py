@@ -6,17 +6,17 @@ from typing import get_args
 
 import numpy as np
 
-from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange import Format
-from raytrace_jax.exchange.described import describe_scene
-from raytrace_jax.exchange.mitsuba.export import MitsubaWriter
-from raytrace_jax.exchange.mitsuba.plugins import xml_text
-from raytrace_jax.exchange.pov import pov_text
-from raytrace_jax.images.exr import write_exr
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.resolved_settings import resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.files import write_text
+from ..errors import SceneError
+from ..images.exr import write_exr
+from ..scene.scene import Scene
+from ..tracer.resolved_settings import resolve_settings
+from ..tracer.settings import RenderSettings
+from ..util.files import write_text
+from . import Format
+from .described import describe_scene
+from .mitsuba.export import MitsubaWriter
+from .mitsuba.plugins import xml_text
+from .pov import pov_text
 
 
 def export_scene(

@@ -9,12 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax.scene.scene import Scene, least_distance
-from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Integers, Vectors
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.physical import innermost, media_at
-from raytrace_jax.tracer.world import World, prepare_world
+from ..scene.scene import Scene, least_distance
+from ..tracer.geometry.intersection import Hits
+from ..tracer.geometry.rays import NO_SHAPE, Integers, Vectors
+from ..tracer.resolved_settings import ResolvedSettings
+from ..tracer.shading.physical import innermost, media_at
+from ..tracer.world import World, prepare_world
 
 DIRECTIONS = np.random.default_rng(0).normal(size=(3, 15))
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=0)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.exchange.described import Described, Shape, Texture, touch
+from .described import Described, Shape, Texture, touch
 
 Files = dict[str, np.ndarray]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from raytrace_jax.errors import RaytraceError
-from raytrace_jax.util.files import atomic_write
+from ..errors import RaytraceError
+from ..util.files import atomic_write
 
 SUFFIXES = (".gif", ".mp4")
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont

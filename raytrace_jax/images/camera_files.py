@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from PIL.ExifTags import Base
 
-from raytrace_jax.images import Transfer
-from raytrace_jax.images.exif import BROKEN, directories, exif_of
-from raytrace_jax.images.icc import Curve, read_profile
-from raytrace_jax.images.picture_file import LibraryFile
-from raytrace_jax.images.transfer import REC_709, ColourSpace, power_curve, srgb_to_linear, to_rec_709
-from raytrace_jax.util.files import read_bytes
+from ..util.files import read_bytes
+from . import Transfer
+from .exif import BROKEN, directories, exif_of
+from .icc import Curve, read_profile
+from .picture_file import LibraryFile
+from .transfer import REC_709, ColourSpace, power_curve, srgb_to_linear, to_rec_709
 
 RAW = "is a raw file of a camera: develop it (docs/photograph.md says how)"
 

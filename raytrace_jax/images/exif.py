@@ -15,8 +15,8 @@ from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from raytrace_jax.errors import PictureError, RaytraceWarning
-from raytrace_jax.util.files import read_bytes
+from ..errors import PictureError, RaytraceWarning
+from ..util.files import read_bytes
 
 TURNS = {
     1: lambda picture: picture,

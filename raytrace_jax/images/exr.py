@@ -19,11 +19,11 @@ import numpy as np
 import OpenEXR
 from jax.typing import ArrayLike
 
-from raytrace_jax.errors import PictureError, RaytraceWarning
-from raytrace_jax.images.picture_file import KEY, refuse_beyond_memory, to_json
-from raytrace_jax.util.files import atomic_write, read_bytes
-from raytrace_jax.util.numerics import real_numbers
-from raytrace_jax.util.text import did_you_mean
+from ..errors import PictureError, RaytraceWarning
+from ..util.files import atomic_write, read_bytes
+from ..util.numerics import real_numbers
+from ..util.text import did_you_mean
+from .picture_file import KEY, refuse_beyond_memory, to_json
 
 MAGIC = b"\x76\x2f\x31\x01"
 """The first four bytes of every OpenEXR file."""

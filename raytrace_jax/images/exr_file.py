@@ -6,11 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.images import Transfer, exr
-from raytrace_jax.images import transfer as transfers
-from raytrace_jax.images.picture_file import MEMORY, PictureFile, PictureOrigin, refuse_beyond_memory
-from raytrace_jax.images.transfer import LINEAR_SPACES, REC_709, Chromaticities, ColourSpace
+from ..errors import PictureError
+from . import Transfer, exr
+from . import transfer as transfers
+from .picture_file import MEMORY, PictureFile, PictureOrigin, refuse_beyond_memory
+from .transfer import LINEAR_SPACES, REC_709, Chromaticities, ColourSpace
 
 
 class ExrFile(PictureFile):

@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.images import Transfer
-from raytrace_jax.images.picture_file import LibraryFile
-from raytrace_jax.images.transfer import ENCODERS, REC_709
-from raytrace_jax.util.files import atomic_write, read_bytes
+from ..errors import PictureError
+from ..util.files import atomic_write, read_bytes
+from . import Transfer
+from .picture_file import LibraryFile
+from .transfer import ENCODERS, REC_709
 
 HDR_HEADER = re.compile(rb"(#\?(?:[^\r\n]+\r?\n)*)\r?\n-Y +(\d{1,9}) +\+X +(\d{1,9}) *\r?\n")
 """Lines up to an empty one, and the size of a picture that is stored from its upper left."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from PIL import ImageCms
 
-from raytrace_jax.images.transfer import NEARLY, ColourSpace, srgb_to_linear
+from .transfer import NEARLY, ColourSpace, srgb_to_linear
 
 SRGB_TO_XYZ = np.array(
     [[0.4360747, 0.3850649, 0.1430804], [0.2225045, 0.7168786, 0.0606169], [0.0139322, 0.0971045, 0.7141733]]

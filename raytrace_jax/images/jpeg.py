@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, JpegImagePlugin
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.images import Transfer
-from raytrace_jax.images.exif import BACK, TURNS, orientation_of
-from raytrace_jax.images.transfer import DECODERS, ENCODERS
-from raytrace_jax.util.files import as_path
+from ..errors import PictureError
+from ..util.files import as_path
+from . import Transfer
+from .exif import BACK, TURNS, orientation_of
+from .transfer import DECODERS, ENCODERS
 
 
 class JpegStorage(NamedTuple):

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from raytrace_jax.images import Clipped
-from raytrace_jax.images.pictures import is_jpeg, is_photograph, read
+from . import Clipped
+from .pictures import is_jpeg, is_photograph, read
 
 
 def read_mask(path: str | os.PathLike[str]) -> np.ndarray:

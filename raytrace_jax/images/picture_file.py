@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL.ExifTags import Base
 
-from raytrace_jax.errors import PictureError, RaytraceError, RaytraceWarning
-from raytrace_jax.images import Transfer
-from raytrace_jax.images.exif import BROKEN, exif_of, orientation_of, upright
-from raytrace_jax.images.transfer import DECODERS, NEARLY, ColourSpace, largest_number
-from raytrace_jax.util.files import strict
-from raytrace_jax.util.session import lack_of_memory
-from raytrace_jax.util.text import is_unicode
+from ..errors import PictureError, RaytraceError, RaytraceWarning
+from ..util.files import strict
+from ..util.session import lack_of_memory
+from ..util.text import is_unicode
+from . import Transfer
+from .exif import BROKEN, exif_of, orientation_of, upright
+from .transfer import DECODERS, NEARLY, ColourSpace, largest_number
 
 KEY = "raytrace_jax"
 """The attribute of an OpenEXR file, and the keyword of a PNG file's text, that holds how a picture was made."""

@@ -7,15 +7,15 @@ import warnings
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.errors import PictureError, RaytraceWarning
-from raytrace_jax.images import Transfer
-from raytrace_jax.images.camera_files import RAW, RAW_STARTS, JpegFile, TiffFile
-from raytrace_jax.images.exr import MAGIC
-from raytrace_jax.images.exr_file import ExrFile
-from raytrace_jax.images.hdr_ppm import HdrFile, PpmFile
-from raytrace_jax.images.picture_file import PictureFile, PictureOrigin
-from raytrace_jax.images.png import SIGNATURE, PngFile
-from raytrace_jax.util.files import read_bytes
+from ..errors import PictureError, RaytraceWarning
+from ..util.files import read_bytes
+from . import Transfer
+from .camera_files import RAW, RAW_STARTS, JpegFile, TiffFile
+from .exr import MAGIC
+from .exr_file import ExrFile
+from .hdr_ppm import HdrFile, PpmFile
+from .picture_file import PictureFile, PictureOrigin
+from .png import SIGNATURE, PngFile
 
 FORMATS: dict[type[PictureFile], tuple[bytes, ...]] = {
     ExrFile: (MAGIC,),

@@ -17,13 +17,15 @@ from typing import get_args
 import numpy as np
 from jaxtyping import ArrayLike
 
-from raytrace_jax._version import __version__
-from raytrace_jax.errors import PictureError
-from raytrace_jax.images import Bits, Transfer
-from raytrace_jax.images import transfer as transfers
-from raytrace_jax.images.icc import read_profile
-from raytrace_jax.images.picture_file import KEY, LibraryFile, PictureOrigin, to_json
-from raytrace_jax.images.transfer import (
+from .._version import __version__
+from ..errors import PictureError
+from ..util.files import atomic_write, read_bytes
+from ..util.numerics import real_numbers
+from . import Bits, Transfer
+from . import transfer as transfers
+from .icc import read_profile
+from .picture_file import KEY, LibraryFile, PictureOrigin, to_json
+from .transfer import (
     LINEAR_SPACES,
     REC_709,
     Chromaticities,
@@ -31,8 +33,6 @@ from raytrace_jax.images.transfer import (
     power_curve,
     srgb_to_linear,
 )
-from raytrace_jax.util.files import atomic_write, read_bytes
-from raytrace_jax.util.numerics import real_numbers
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 """The first eight bytes of every PNG file."""

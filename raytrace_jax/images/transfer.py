@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
-from raytrace_jax.images import Bits, Transfer
+from . import Bits, Transfer
 
 Chromaticities = tuple[float, ...]
 """The x and y of red, green, blue and white, eight numbers (CIE 1931)."""

@@ -10,16 +10,10 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.images.pictures import read_origin
-from raytrace_jax.inverse.observe.sampling import stages_of
-from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.fixed import root_covariance, stated_uncertainties, with_known_offsets
-from raytrace_jax.inverse.problem.observation import Observation, observe
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.unknowns import Priors, make_prior, make_unknowns, spelled
-from raytrace_jax.scene.checks import check_values
-from raytrace_jax.scene.parameters import (
+from ..images.jpeg import JpegStorage
+from ..images.pictures import read_origin
+from ..scene.checks import check_values
+from ..scene.parameters import (
     film_effects,
     get_parameter,
     row_of_names,
@@ -27,11 +21,17 @@ from raytrace_jax.scene.parameters import (
     set_parameters,
     with_film,
 )
-from raytrace_jax.scene.response import FILM_EFFECTS
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.radiance import refuse_too_large
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.checked import refuse_other
+from ..scene.response import FILM_EFFECTS
+from ..scene.scene import Scene
+from ..tracer.radiance import refuse_too_large
+from ..tracer.resolved_settings import ResolvedSettings
+from ..util.checked import refuse_other
+from .observe.sampling import stages_of
+from .options import FitOptions
+from .problem.fixed import root_covariance, stated_uncertainties, with_known_offsets
+from .problem.observation import Observation, observe
+from .problem.problem import Problem
+from .problem.unknowns import Priors, make_prior, make_unknowns, spelled
 
 
 class FitSetup(NamedTuple):

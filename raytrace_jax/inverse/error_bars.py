@@ -8,17 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from raytrace_jax.errors import ParameterError
-from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
-from raytrace_jax.inverse.observe.resampled import resampled
-from raytrace_jax.inverse.observe.sampling import Sampling, lattice_size, sampled, stages_of, supersampled
-from raytrace_jax.inverse.options import FitOptions, Stage
-from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.problem.unknowns import Covariance, Values, make_prior
-from raytrace_jax.inverse.residual_function import PictureResidual
-from raytrace_jax.inverse.solve.solvers import gauss_newton_step
-from raytrace_jax.util.checked import refuse_other
-from raytrace_jax.util.numerics import is_traced
+from ..errors import ParameterError
+from ..util.checked import refuse_other
+from ..util.numerics import is_traced
+from .judge.uncertainty import quantify_uncertainty
+from .observe.resampled import resampled
+from .observe.sampling import Sampling, lattice_size, sampled, stages_of, supersampled
+from .options import FitOptions, Stage
+from .problem.problem import FitState, Problem
+from .problem.unknowns import Covariance, Values, make_prior
+from .residual_function import PictureResidual
+from .solve.solvers import gauss_newton_step
 
 
 class ErrorBars(NamedTuple):

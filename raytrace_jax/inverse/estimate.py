@@ -7,26 +7,26 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jax.typing import ArrayLike
 
-from raytrace_jax.errors import RaytraceWarning
-from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.images.masks import mask_in_words
-from raytrace_jax.inverse.build_problem import FitSetup, build_problem
-from raytrace_jax.inverse.judge.model_check import check_model, expected_error
-from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
-from raytrace_jax.inverse.observe.sampling import COARSE_SAMPLES, cached_detection, supersampled
-from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.result import FitResult, FitStep
-from raytrace_jax.inverse.solve.candidates import unseen_balls, with_open
-from raytrace_jax.inverse.solve.profile import find_profile
-from raytrace_jax.inverse.solve.refine import select_solution
-from raytrace_jax.inverse.solve.search import choose_levels, find_minima
-from raytrace_jax.inverse.solve.steps import Recorder
-from raytrace_jax.inverse.status import make_result
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.resolved_settings import resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.background import run_beside
-from raytrace_jax.util.checked import refuse_other
+from ..errors import RaytraceWarning
+from ..images.jpeg import JpegStorage
+from ..images.masks import mask_in_words
+from ..scene.scene import Scene
+from ..tracer.resolved_settings import resolve_settings
+from ..tracer.settings import RenderSettings
+from ..util.background import run_beside
+from ..util.checked import refuse_other
+from .build_problem import FitSetup, build_problem
+from .judge.model_check import check_model, expected_error
+from .judge.uncertainty import quantify_uncertainty
+from .observe.sampling import COARSE_SAMPLES, cached_detection, supersampled
+from .options import FitOptions
+from .result import FitResult, FitStep
+from .solve.candidates import unseen_balls, with_open
+from .solve.profile import find_profile
+from .solve.refine import select_solution
+from .solve.search import choose_levels, find_minima
+from .solve.steps import Recorder
+from .status import make_result
 
 
 def fit(

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from math import inf
 from typing import Annotated, Any, Literal
 
-from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
-from raytrace_jax.util.checked import Checked, Wanted
+from ..errors import ParameterError
+from ..scene.setting_words import MAX_SAMPLES, EdgeMode
+from ..util.checked import Checked, Wanted
 
 LossName = Literal["l2", "cauchy"]
 """The losses of `inverse.problem.linearize`."""

@@ -8,17 +8,17 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from raytrace_jax.errors import ParameterError
-from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.inverse.build_problem import build_problem
-from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.unknowns import Unknowns
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.pure import picture_at
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.numerics import real_numbers, with_lower_ranks
+from ..errors import ParameterError
+from ..images.filters import gaussian_blur
+from ..scene.scene import Scene
+from ..tracer.pure import picture_at
+from ..tracer.resolved_settings import ResolvedSettings, resolve_settings
+from ..tracer.settings import RenderSettings
+from ..util.numerics import real_numbers, with_lower_ranks
+from .build_problem import build_problem
+from .options import FitOptions
+from .problem.observation import Observation
+from .problem.unknowns import Unknowns
 
 
 class PictureResidual(eqx.Module):

@@ -10,14 +10,14 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from raytrace_jax.errors import ParameterError
-from raytrace_jax.inverse.judge.assumptions import Dependence, ModelCheck, dependences
-from raytrace_jax.inverse.judge.uncertainty import Uncertainty, correlation_of
-from raytrace_jax.inverse.result_file import load_record
-from raytrace_jax.inverse.result_rows import Estimate, EstimateRow, estimate_table
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.text import aligned, did_you_mean, listed
+from ..errors import ParameterError
+from ..scene.scene import Scene
+from ..tracer.resolved_settings import ResolvedSettings
+from ..util.text import aligned, did_you_mean, listed
+from .judge.assumptions import Dependence, ModelCheck, dependences
+from .judge.uncertainty import Uncertainty, correlation_of
+from .result_file import load_record
+from .result_rows import Estimate, EstimateRow, estimate_table
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
 
@@ -324,7 +324,7 @@ class FitResult:
         Raises:
             RaytraceError: the folder or a file in it cannot be written, or a picture holds NaN.
         """
-        from raytrace_jax.report.fit_report.folder import write_report
+        from ..report.fit_report.folder import write_report
 
         write_report(self, folder, long, pdf)
 

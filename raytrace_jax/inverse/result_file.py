@@ -9,11 +9,11 @@ import cattrs
 import jax
 import numpy as np
 
-from raytrace_jax._version import __version__
-from raytrace_jax.errors import RaytraceError
-from raytrace_jax.scene.reader import load_scene
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.util.files import atomic_write, read_bytes
+from .._version import __version__
+from ..errors import RaytraceError
+from ..scene.reader import load_scene
+from ..scene.scene import Scene
+from ..util.files import atomic_write, read_bytes
 
 FILE, SCENE_FILE = "result.npz", "fit.txt"
 """The names of the file and of the scene's beside it, in the folder of a report."""

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from raytrace_jax.util.digits import value_and_error, with_error
+from ..util.digits import value_and_error, with_error
 
 
 class Estimate(NamedTuple):

@@ -10,18 +10,18 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool
 
-from raytrace_jax.inverse import result
-from raytrace_jax.inverse.build_problem import FitSetup
-from raytrace_jax.inverse.judge.assumptions import Contradiction, ModelCheck, contradicted, looks_like, short_count
-from raytrace_jax.inverse.judge.structure import EVIDENCE, is_near
-from raytrace_jax.inverse.judge.uncertainty import Uncertainty, quantify_uncertainty
-from raytrace_jax.inverse.observe.sampling import samples_of
-from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.solve.steps import Findings, Recorder, bounds_reached
-from raytrace_jax.scene.parameters import resolve
-from raytrace_jax.util.numerics import MAD_TO_SIGMA
-from raytrace_jax.util.text import listed
+from ..scene.parameters import resolve
+from ..util.numerics import MAD_TO_SIGMA
+from ..util.text import listed
+from . import result
+from .build_problem import FitSetup
+from .judge.assumptions import Contradiction, ModelCheck, contradicted, looks_like, short_count
+from .judge.structure import EVIDENCE, is_near
+from .judge.uncertainty import Uncertainty, quantify_uncertainty
+from .observe.sampling import samples_of
+from .options import FitOptions
+from .problem.problem import FitState, Problem
+from .solve.steps import Findings, Recorder, bounds_reached
 
 Verdict = tuple[result.Status, str, str]
 """The word for how a fit ended, why, and what to do."""

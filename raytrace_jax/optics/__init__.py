@@ -7,19 +7,19 @@ surface over the index in front of it, never its reciprocal; `ior` is a material
 scene file.
 """
 
-from raytrace_jax.optics.angles import brewster_angle as brewster_angle
-from raytrace_jax.optics.angles import critical_angle as critical_angle
-from raytrace_jax.optics.angles import prism_deviation as prism_deviation
-from raytrace_jax.optics.angles import slab_shift as slab_shift
-from raytrace_jax.optics.angles import snell_angle as snell_angle
-from raytrace_jax.optics.ball import FocalLength as FocalLength
-from raytrace_jax.optics.ball import lens_focal_length as lens_focal_length
-from raytrace_jax.optics.ball import rainbow_angle as rainbow_angle
-from raytrace_jax.optics.ball import rainbow_incidence as rainbow_incidence
-from raytrace_jax.optics.ball import sphere_deviation as sphere_deviation
-from raytrace_jax.optics.fresnel import fresnel_amplitudes as fresnel_amplitudes
-from raytrace_jax.optics.fresnel import fresnel_dielectric as fresnel_dielectric
-from raytrace_jax.optics.fresnel import fresnel_schlick as fresnel_schlick
-from raytrace_jax.optics.vectors import AIR_IOR as AIR_IOR
-from raytrace_jax.optics.vectors import reflect as reflect
-from raytrace_jax.optics.vectors import refract as refract
+from .angles import brewster_angle as brewster_angle
+from .angles import critical_angle as critical_angle
+from .angles import prism_deviation as prism_deviation
+from .angles import slab_shift as slab_shift
+from .angles import snell_angle as snell_angle
+from .ball import FocalLength as FocalLength
+from .ball import lens_focal_length as lens_focal_length
+from .ball import rainbow_angle as rainbow_angle
+from .ball import rainbow_incidence as rainbow_incidence
+from .ball import sphere_deviation as sphere_deviation
+from .fresnel import fresnel_amplitudes as fresnel_amplitudes
+from .fresnel import fresnel_dielectric as fresnel_dielectric
+from .fresnel import fresnel_schlick as fresnel_schlick
+from .vectors import AIR_IOR as AIR_IOR
+from .vectors import reflect as reflect
+from .vectors import refract as refract

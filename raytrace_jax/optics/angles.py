@@ -12,8 +12,8 @@ from jax.lax import stop_gradient
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.errors import SettingsError
-from raytrace_jax.util.numerics import real_numbers
+from ..errors import SettingsError
+from ..util.numerics import real_numbers
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from raytrace_jax.errors import SettingsError
-from raytrace_jax.optics.angles import in_range, index, of_rays, snell_angle
-from raytrace_jax.util.numerics import away_from_zero
+from ..errors import SettingsError
+from ..util.numerics import away_from_zero
+from .angles import in_range, index, of_rays, snell_angle
 
 
 class FocalLength(NamedTuple):

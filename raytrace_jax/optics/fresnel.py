@@ -4,8 +4,8 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from raytrace_jax.optics.angles import cosine, index, of_rays
-from raytrace_jax.util.numerics import safe_sqrt
+from ..util.numerics import safe_sqrt
+from .angles import cosine, index, of_rays
 
 
 @of_rays

@@ -6,8 +6,8 @@ Directions `d` run *with* the light path that is traced (from the camera into th
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.optics.angles import of_rays
-from raytrace_jax.util.numerics import dot, mean_sqrt, safe_normalize, safe_sqrt, with_lower_ranks
+from ..util.numerics import dot, mean_sqrt, safe_normalize, safe_sqrt, with_lower_ranks
+from .angles import of_rays
 
 AIR_IOR = 1.000293
 """Index of refraction of air, the medium around every shape of a course scene."""

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter, minimum_filter
 
-from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.photograph import RAYS, Corners, offsets
+from .boards import CharucoBoard
+from .photograph import RAYS, Corners, offsets
 
 HALF, MARGIN = 13, 6
 """Half a patch's side, and how far beyond it its blur looks, in pixels."""

@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from raytrace_jax.errors import RaytraceError
-from raytrace_jax.photo.boards import opencv
+from ..errors import RaytraceError
+from .boards import opencv
 
 LEAST = 2
 """The fewest squares a side: what OpenCV takes."""

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from raytrace_jax.errors import RaytraceError
-from raytrace_jax.scene.reader import parse_scene
-from raytrace_jax.util.files import read_bytes
-from raytrace_jax.util.text import install
+from ..errors import RaytraceError
+from ..scene.reader import parse_scene
+from ..util.files import read_bytes
+from ..util.text import install
 
 LEAST_CORNERS = 20
 """The fewest corners of a board, and of a photograph; a camera has up to nine free numbers."""

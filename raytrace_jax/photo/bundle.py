@@ -11,7 +11,9 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
-from raytrace_jax.photo.geometry import (
+from ..util.compilation import jit
+from ..util.numerics import TINY
+from .geometry import (
     AT,
     COUNT,
     LOST,
@@ -23,10 +25,8 @@ from raytrace_jax.photo.geometry import (
     pixel_rays,
     project,
 )
-from raytrace_jax.photo.lens import LensPrior, Turn
-from raytrace_jax.photo.photograph import Corners
-from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import TINY
+from .lens import LensPrior, Turn
+from .photograph import Corners
 
 Numbers = Float[Array, " numbers"]
 

@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage, optimize
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.geometry import Setup
-from raytrace_jax.photo.outline import Disc, NothingThrough
-from raytrace_jax.photo.photograph import Photograph, PixelGrid
-from raytrace_jax.photo.sight import Sight
+from ..errors import PictureError
+from .boards import CharucoBoard
+from .geometry import Setup
+from .outline import Disc, NothingThrough
+from .photograph import Photograph, PixelGrid
+from .sight import Sight
 
 
 def find_ball(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: float, discs: list[Disc]) -> Setup:

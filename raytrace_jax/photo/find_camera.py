@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.alignment import align, best_blur
-from raytrace_jax.photo.boards import LEAST_CORNERS, CharucoBoard, opencv
-from raytrace_jax.photo.bundle import AdjustedView, Measured, PhotoView, adjust, known_before
-from raytrace_jax.photo.geometry import Setup
-from raytrace_jax.photo.lens import LensPrior, Turn, uncalibrated
-from raytrace_jax.photo.markers import find_markers
-from raytrace_jax.photo.photograph import Corners, Photograph
-from raytrace_jax.photo.sight import Sight
-from raytrace_jax.util.digits import with_error
+from ..errors import PictureError
+from ..util.digits import with_error
+from .alignment import align, best_blur
+from .boards import LEAST_CORNERS, CharucoBoard, opencv
+from .bundle import AdjustedView, Measured, PhotoView, adjust, known_before
+from .geometry import Setup
+from .lens import LensPrior, Turn, uncalibrated
+from .markers import find_markers
+from .photograph import Corners, Photograph
+from .sight import Sight
 
 LARGEST_SCATTER = 3e-4
 """Corners may scatter by this fraction of the picture's width, seen directly or through the glass: half a pixel of

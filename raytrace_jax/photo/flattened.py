@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.light_field import LightField, fit_light_field
-from raytrace_jax.photo.locate import Located
-from raytrace_jax.photo.photograph import PixelGrid, offsets
-from raytrace_jax.photo.sight import REACH
+from ..errors import PictureError
+from .light_field import LightField, fit_light_field
+from .locate import Located
+from .photograph import PixelGrid, offsets
+from .sight import REACH
 
 RIM, AROUND = 1.04, 1.12
 """In radii of the ball's outline: from where on the board is seen directly, and how far the fitted picture reaches, so

@@ -12,11 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.optics.vectors import refract
-from raytrace_jax.scene.scene import PerspectiveCamera
-from raytrace_jax.tracer.geometry.camera import ray
-from raytrace_jax.tracer.geometry.sphere import chord
-from raytrace_jax.util.numerics import TINY, dot, normalize
+from ..optics.vectors import refract
+from ..scene.scene import PerspectiveCamera
+from ..tracer.geometry.camera import ray
+from ..tracer.geometry.sphere import chord
+from ..util.numerics import TINY, dot, normalize
 
 LOST = 5.0
 """A corner whose ray is lost misses by so many pixels, more than corners that count."""

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.errors import RaytraceError, RaytraceWarning
-from raytrace_jax.images.exif import BACK
-from raytrace_jax.util.files import read_bytes, write_text
+from ..errors import RaytraceError, RaytraceWarning
+from ..images.exif import BACK
+from ..util.files import read_bytes, write_text
 
 USUAL = np.array([0.1, 0.05, 0.01, 0.01])
 """Standard deviations of k1, k2 and the principal point of a lens that was not calibrated.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.util.numerics import MAD_TO_SIGMA
+from ..util.numerics import MAD_TO_SIGMA
 
 
 class LightField(NamedTuple):

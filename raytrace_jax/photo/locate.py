@@ -8,20 +8,20 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.alignment import align
-from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.bundle import Adjusted, AdjustedView, Known, Measured, PhotoView, adjust, known_before
-from raytrace_jax.photo.find_ball import find_ball
-from raytrace_jax.photo.find_camera import LARGEST_SCATTER, FoundCamera, find_camera, one_lens, one_size
-from raytrace_jax.photo.geometry import AT
-from raytrace_jax.photo.lens import LensPrior
-from raytrace_jax.photo.markers import markers_in
-from raytrace_jax.photo.outline import Disc, NothingThrough, find_discs
-from raytrace_jax.photo.photograph import Corners, Photograph
-from raytrace_jax.photo.sight import Sight
-from raytrace_jax.photo.tank import Layers, layers_of
-from raytrace_jax.util.digits import with_error
+from ..errors import PictureError
+from ..util.digits import with_error
+from .alignment import align
+from .boards import CharucoBoard
+from .bundle import Adjusted, AdjustedView, Known, Measured, PhotoView, adjust, known_before
+from .find_ball import find_ball
+from .find_camera import LARGEST_SCATTER, FoundCamera, find_camera, one_lens, one_size
+from .geometry import AT
+from .lens import LensPrior
+from .markers import markers_in
+from .outline import Disc, NothingThrough, find_discs
+from .photograph import Corners, Photograph
+from .sight import Sight
+from .tank import Layers, layers_of
 
 LIQUIDS = 1.2, 2.2
 """No liquid that stands in a tank has an index outside of these: perfluorohexane has 1.25, melted sulphur 1.9."""

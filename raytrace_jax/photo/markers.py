@@ -5,9 +5,9 @@ import functools
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.boards import CharucoBoard, decoded, opencv
-from raytrace_jax.photo.photograph import Corners, Photograph
+from ..errors import PictureError
+from .boards import CharucoBoard, decoded, opencv
+from .photograph import Corners, Photograph
 
 LEAST_DIRECT = 8
 """The fewest markers seen directly: a camera has up to nine free numbers, a marker gives eight, and they err."""

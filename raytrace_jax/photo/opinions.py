@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from raytrace_jax.inverse.judge.assumptions import Contradiction, contradicted
-from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.photo.bundle import Adjusted
-from raytrace_jax.photo.geometry import AT, COUNT, Setup
-from raytrace_jax.photo.locate import Located, Together
-from raytrace_jax.photo.room_scene import GLASS, UNCERTAIN, RoomScene
+from ..inverse.judge.assumptions import Contradiction, contradicted
+from ..inverse.result import FitResult
+from .bundle import Adjusted
+from .geometry import AT, COUNT, Setup
+from .locate import Located, Together
+from .room_scene import GLASS, UNCERTAIN, RoomScene
 
 AGREE = 3.0
 """Corners and light may differ by so many of their errors."""

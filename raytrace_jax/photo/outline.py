@@ -11,12 +11,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage, optimize
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.geometry import Setup
-from raytrace_jax.photo.light_field import fit_light_field
-from raytrace_jax.photo.photograph import Photograph, PixelGrid, offsets
-from raytrace_jax.photo.sight import Sight
+from ..errors import PictureError
+from .boards import CharucoBoard
+from .geometry import Setup
+from .light_field import fit_light_field
+from .photograph import Photograph, PixelGrid, offsets
+from .sight import Sight
 
 
 class NothingThrough(PictureError):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from raytrace_jax.photo.lens import Turn
+from .lens import Turn
 
 RAYS = 9
 """Rays of a pixel; the board's brightness in the pixel is the mean over all of them."""

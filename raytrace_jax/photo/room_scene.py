@@ -8,17 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.flattened import Flattened
-from raytrace_jax.photo.geometry import Setup, camera_of, principal_point
-from raytrace_jax.photo.locate import Located
-from raytrace_jax.photo.photograph import PixelGrid
-from raytrace_jax.scene import build
-from raytrace_jax.scene.build import make_scene
-from raytrace_jax.scene.rows import Description
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.util.compilation import jit
+from ..inverse.options import FitOptions
+from ..scene import build
+from ..scene.build import make_scene
+from ..scene.rows import Description
+from ..scene.scene import Scene
+from ..util.compilation import jit
+from .boards import CharucoBoard
+from .flattened import Flattened
+from .geometry import Setup, camera_of, principal_point
+from .locate import Located
+from .photograph import PixelGrid
 
 FREE = ("ball.ior", "ball.center", "film.gain", "film.blur", "sky.radiance")
 """What a fit finds: the glass, its place, what is left of exposure and white balance, the camera's blur, and the room

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.spatial import KDTree
 
-from raytrace_jax.photo import geometry
-from raytrace_jax.photo.geometry import Seen, Setup
-from raytrace_jax.util.compilation import jit
+from ..util.compilation import jit
+from . import geometry
+from .geometry import Seen, Setup
 
 REACH = 0.94
 """What is seen through the glass counts within this fraction of the outline's radius: the rim is squashed and shows the

@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.boards import CharucoBoard, opencv
-from raytrace_jax.photo.lens import LensPrior
-from raytrace_jax.photo.markers import LEAST_DIRECT, find_markers, markers_in
-from raytrace_jax.photo.outline import NothingThrough
-from raytrace_jax.photo.photograph import Corners, Photograph
+from ..errors import PictureError
+from .boards import CharucoBoard, opencv
+from .lens import LensPrior
+from .markers import LEAST_DIRECT, find_markers, markers_in
+from .outline import NothingThrough
+from .photograph import Corners, Photograph
 
 
 class Layers(NamedTuple):

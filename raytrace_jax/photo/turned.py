@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from raytrace_jax.errors import PictureError, RaytraceWarning
-from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.find_camera import FoundCamera, find_camera, one_lens, one_size
-from raytrace_jax.photo.lens import LensPrior, Turn, uncalibrated
-from raytrace_jax.photo.photograph import Photograph
-from raytrace_jax.photo.tank import layers_of
+from ..errors import PictureError, RaytraceWarning
+from .boards import CharucoBoard
+from .find_camera import FoundCamera, find_camera, one_lens, one_size
+from .lens import LensPrior, Turn, uncalibrated
+from .photograph import Photograph
+from .tank import layers_of
 
 QUARTERS = {6: "clockwise", 8: "counterclockwise"}
 """Turns by which a picture is as wide as it was high, as EXIF numbers them. Mirrored pictures are mirrored before."""

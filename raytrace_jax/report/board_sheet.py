@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from raytrace_jax.errors import RaytraceError
-from raytrace_jax.photo.board_pattern import LEAST, Pattern
-from raytrace_jax.util.text import PAPERS, PaperName
+from ..errors import RaytraceError
+from ..photo.board_pattern import LEAST, Pattern
+from ..util.text import PAPERS, PaperName
 
 MARGIN = 10.0
 """Millimetres of paper that many printers cannot print on."""

@@ -9,10 +9,10 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from raytrace_jax.images import Transfer
-from raytrace_jax.report.differences import correlation, relative_error
-from raytrace_jax.report.panels import as_pixels, draw_signed_values, drawable, panel_bands
-from raytrace_jax.tracer.derivatives import PictureDerivatives
+from ..images import Transfer
+from ..tracer.derivatives import PictureDerivatives
+from .differences import correlation, relative_error
+from .panels import as_pixels, draw_signed_values, drawable, panel_bands
 
 Verdict = Literal["agree", "agree but for pixels", "disagree", "undecided"]
 

@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.parameters import get_parameter, row_of_names, scalar_names, set_parameters, with_film
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.derivatives import differentiated_names
-from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.resolved_settings import resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.text import quoted
+from ..errors import ParameterError
+from ..scene.parameters import get_parameter, row_of_names, scalar_names, set_parameters, with_film
+from ..scene.scene import Scene
+from ..tracer.derivatives import differentiated_names
+from ..tracer.rendering import render
+from ..tracer.resolved_settings import resolve_settings
+from ..tracer.settings import RenderSettings
+from ..util.text import quoted
 
 HALVINGS = 4
 """A step that leaves a parameter's limits is halved so often before the difference becomes one-sided.

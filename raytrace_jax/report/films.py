@@ -5,18 +5,18 @@ from os import PathLike
 
 import numpy as np
 
-from raytrace_jax._version import __version__
-from raytrace_jax.images import Transfer
-from raytrace_jax.images.exr import write_exr
-from raytrace_jax.report.differences import Differences
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.writer import format_scene
-from raytrace_jax.tracer.derivatives import PictureDerivatives
-from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.checked import refuse_other
-from raytrace_jax.util.files import strict
+from .._version import __version__
+from ..images import Transfer
+from ..images.exr import write_exr
+from ..scene.scene import Scene
+from ..scene.writer import format_scene
+from ..tracer.derivatives import PictureDerivatives
+from ..tracer.film import Film
+from ..tracer.resolved_settings import ResolvedSettings, resolve_settings
+from ..tracer.settings import RenderSettings
+from ..util.checked import refuse_other
+from ..util.files import strict
+from .differences import Differences
 
 
 def write_film(

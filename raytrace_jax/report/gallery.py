@@ -7,16 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from raytrace_jax.images import Transfer
-from raytrace_jax.report import GallerySet
-from raytrace_jax.report.derivatives import draw_signed, scale_limit
-from raytrace_jax.report.panels import as_pixels, panel_bands
-from raytrace_jax.scene.parameters import blocks_of, set_parameters
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
-from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from ..images import Transfer
+from ..scene.parameters import blocks_of, set_parameters
+from ..scene.scene import Scene
+from ..scene.setting_words import ModelName
+from ..tracer.derivatives import PictureDerivatives, picture_derivatives
+from ..tracer.rendering import render
+from ..tracer.resolved_settings import ResolvedSettings
+from . import GallerySet
+from .derivatives import draw_signed, scale_limit
+from .panels import as_pixels, panel_bands
 
 _GLASS = """
 settings main {{ model physical samples 4 least_weight 1e-4 }}

@@ -15,20 +15,20 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
-from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
-from raytrace_jax.images import Transfer
-from raytrace_jax.report.derivatives import scale_limit
-from raytrace_jax.report.panels import SIGNED, as_pixels, data_address, page_template, png_bytes, signed_pixels
-from raytrace_jax.report.rays import draw_tree
-from raytrace_jax.scene.parameters import get_parameter, resolve, set_parameters
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.derivatives import picture_derivatives
-from raytrace_jax.tracer.ray_tree import trace_tree
-from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.digits import format_number
-from raytrace_jax.util.text import parse_number
+from ..errors import ParameterError, RaytraceError, one_sentence
+from ..images import Transfer
+from ..scene.parameters import get_parameter, resolve, set_parameters
+from ..scene.scene import Scene
+from ..scene.setting_words import EdgeMode
+from ..tracer.derivatives import picture_derivatives
+from ..tracer.ray_tree import trace_tree
+from ..tracer.rendering import render
+from ..tracer.resolved_settings import ResolvedSettings
+from ..util.digits import format_number
+from ..util.text import parse_number
+from .derivatives import scale_limit
+from .panels import SIGNED, as_pixels, data_address, page_template, png_bytes, signed_pixels
+from .rays import draw_tree
 
 HOST = "127.0.0.1"
 

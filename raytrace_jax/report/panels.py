@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from PIL import Image
 
-from raytrace_jax.images import Transfer
-from raytrace_jax.images.transfer import ENCODERS
+from ..images import Transfer
+from ..images.transfer import ENCODERS
 
 SIGNED = matplotlib.colormaps["RdBu_r"].with_extremes(bad="#8c8c8c")
 """Blue below zero, red above, grey where a pixel is masked."""

@@ -10,13 +10,13 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from raytrace_jax.inverse.judge.assumptions import Contradiction
-from raytrace_jax.photo.flattened import AROUND, Flattened
-from raytrace_jax.photo.locate import Diagnostics, Located
-from raytrace_jax.photo.outline import Disc
-from raytrace_jax.photo.photograph import Corners, PixelGrid
-from raytrace_jax.report.fit_report.summary import estimate_line
-from raytrace_jax.report.panels import SIGNED, letter_panels, remove_ticks
+from ..inverse.judge.assumptions import Contradiction
+from ..photo.flattened import AROUND, Flattened
+from ..photo.locate import Diagnostics, Located
+from ..photo.outline import Disc
+from ..photo.photograph import Corners, PixelGrid
+from .fit_report.summary import estimate_line
+from .panels import SIGNED, letter_panels, remove_ticks
 
 DIRECT, THROUGH, OUTLINE, MARKER = "#1f77b4", "#d62728", "#ff9d00", "#2ca02c"
 

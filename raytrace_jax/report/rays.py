@@ -10,18 +10,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
-from raytrace_jax.images import Transfer
-from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.panels import as_pixels, drawable
-from raytrace_jax.scene.parameters import blocks_of
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.slabs import with_planes
-from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes, shape_materials
-from raytrace_jax.tracer.geometry.shapes import CuttingPlane, Section
-from raytrace_jax.tracer.ray_tree import KINDS, RayNode, RayTree
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.numerics import TINY
+from ..images import Transfer
+from ..scene.parameters import blocks_of
+from ..scene.scene import Scene
+from ..scene.slabs import with_planes
+from ..tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes, shape_materials
+from ..tracer.geometry.shapes import CuttingPlane, Section
+from ..tracer.ray_tree import KINDS, RayNode, RayTree
+from ..tracer.resolved_settings import ResolvedSettings, resolve_settings
+from ..tracer.settings import RenderSettings
+from ..util.numerics import TINY
+from .films import screen_transfer
+from .panels import as_pixels, drawable
 
 COLOURS = {"camera": "#24292f", "reflected": "#d1570c", "transmitted": "#0a62c9"}
 

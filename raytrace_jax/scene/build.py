@@ -19,12 +19,12 @@ from typing import Any
 
 from jax.typing import DTypeLike
 
-from raytrace_jax.errors import SceneError
-from raytrace_jax.scene.rows import Description, assemble, describe, floating
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.table import BLOCK_TYPES, SETTINGS
-from raytrace_jax.util.text import did_you_mean, listed, quoted
+from ..errors import SceneError
+from ..util.text import did_you_mean, listed, quoted
+from .rows import Description, assemble, describe, floating
+from .scene import Scene
+from .setting_words import ModelName
+from .table import BLOCK_TYPES, SETTINGS
 
 
 def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: ModelName | None = None) -> Scene:

@@ -3,9 +3,9 @@
 import os
 from pathlib import Path
 
-from raytrace_jax.errors import ModelFileError
-from raytrace_jax.util.files import as_path
-from raytrace_jax.util.text import listed
+from ..errors import ModelFileError
+from ..util.files import as_path
+from ..util.text import listed
 
 
 def bundled_scenes() -> dict[str, Path]:

@@ -4,15 +4,15 @@ import jax
 import numpy as np
 from scipy.spatial import KDTree
 
-from raytrace_jax.errors import SceneError
-from raytrace_jax.scene.parameters import attribute_values, material_of, shape_blocks
-from raytrace_jax.scene.scene import Scene, least_distance, world_length
-from raytrace_jax.scene.schema import RGB
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.slabs import surface_owners, with_planes
-from raytrace_jax.scene.structs import NOT_ALL_ZERO, POSITIVE, ImagePlaneCamera
-from raytrace_jax.util.numerics import is_traced
-from raytrace_jax.util.text import listed
+from ..errors import SceneError
+from ..util.numerics import is_traced
+from ..util.text import listed
+from .parameters import attribute_values, material_of, shape_blocks
+from .scene import Scene, least_distance, world_length
+from .schema import RGB
+from .setting_words import ModelName
+from .slabs import surface_owners, with_planes
+from .structs import NOT_ALL_ZERO, POSITIVE, ImagePlaneCamera
 
 _checked: list[object] = []
 """The arrays of the scene that was found right last: who renders it again does not wait for a check."""

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.util.numerics import TINY_32
+from ..util.numerics import TINY_32
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 

@@ -15,15 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.response import FILM, neutral_response
-from raytrace_jax.scene.rows import Value, as_array
-from raytrace_jax.scene.scene import Scene, check_scene
-from raytrace_jax.scene.schema import NO_BLOCK, RGB, Attribute, BlockType
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.table import BLOCK_TYPES, COMPONENT_NAMES, SHAPE_KEYWORDS
-from raytrace_jax.util.numerics import is_traced, on_device
-from raytrace_jax.util.text import did_you_mean, listed, parse_number, quoted
+from ..errors import ParameterError
+from ..util.numerics import is_traced, on_device
+from ..util.text import did_you_mean, listed, parse_number, quoted
+from .response import FILM, neutral_response
+from .rows import Value, as_array
+from .scene import Scene, check_scene
+from .schema import NO_BLOCK, RGB, Attribute, BlockType
+from .setting_words import ModelName
+from .table import BLOCK_TYPES, COMPONENT_NAMES, SHAPE_KEYWORDS
 
 
 class Block(NamedTuple):

@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 
 from jax.typing import DTypeLike
 
-from raytrace_jax.errors import ModelFileError, RaytraceWarning
-from raytrace_jax.scene.bundled import no_such_scene, scene_path
-from raytrace_jax.scene.rows import HEAD, Description, assemble, either, floating
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import Attribute, is_name
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.table import BLOCK_TYPES
-from raytrace_jax.util.text import did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
+from ..errors import ModelFileError, RaytraceWarning
+from ..util.text import did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
+from .bundled import no_such_scene, scene_path
+from .rows import HEAD, Description, assemble, either, floating
+from .scene import Scene
+from .schema import Attribute, is_name
+from .setting_words import ModelName
+from .table import BLOCK_TYPES
 
 CLOSING = "}"
 """A part of a block in a file, besides those that any row has."""

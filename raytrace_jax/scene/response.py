@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.scene.schema import Attribute, declared_attributes
-from raytrace_jax.scene.structs import CameraResponse
-from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import with_lower_ranks
+from ..images.filters import gaussian_blur
+from ..util.compilation import jit
+from ..util.numerics import with_lower_ranks
+from .schema import Attribute, declared_attributes
+from .structs import CameraResponse
 
 FILM = "film"
 """The keyword of a response's block, the name of a block that no file names, and the response's field in a scene."""

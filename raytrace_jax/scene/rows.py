@@ -15,15 +15,15 @@ import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array, Float
 
-from raytrace_jax.errors import PictureError, RaytraceError, RaytraceWarning, SceneError
-from raytrace_jax.images.pictures import read_whole_picture, states_colours
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType, is_name
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.table import BLOCK_TYPES, SETTINGS, SHAPE_KEYWORDS
-from raytrace_jax.util.compilation import refuse_fork
-from raytrace_jax.util.numerics import cast, is_traced, on_device, real_numbers
-from raytrace_jax.util.text import did_you_mean, listed, quoted, sentence
+from ..errors import PictureError, RaytraceError, RaytraceWarning, SceneError
+from ..images.pictures import read_whole_picture, states_colours
+from ..util.compilation import refuse_fork
+from ..util.numerics import cast, is_traced, on_device, real_numbers
+from ..util.text import did_you_mean, listed, quoted, sentence
+from .scene import Scene
+from .schema import NO_BLOCK, Attribute, BlockType, is_name
+from .setting_words import ModelName
+from .table import BLOCK_TYPES, SETTINGS, SHAPE_KEYWORDS
 
 Value = ArrayLike | Iterable[ArrayLike]
 

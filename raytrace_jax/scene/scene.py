@@ -13,9 +13,11 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
-from raytrace_jax.errors import SceneError
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.structs import (
+from ..errors import SceneError
+from ..util.compilation import refuse_fork
+from ..util.text import quoted
+from .setting_words import ModelName
+from .structs import (
     AbbeMaterials,
     Background,
     CameraResponse,
@@ -32,8 +34,6 @@ from raytrace_jax.scene.structs import (
     Slabs,
     Spheres,
 )
-from raytrace_jax.util.compilation import refuse_fork
-from raytrace_jax.util.text import quoted
 
 Camera = ImagePlaneCamera | PerspectiveCamera
 
@@ -79,7 +79,7 @@ class Scene(eqx.Module):
         Raises:
             ParameterError: there is no parameter of that name.
         """
-        from raytrace_jax.scene.parameters import get_parameter
+        from .parameters import get_parameter
 
         return get_parameter(self, name)
 
@@ -90,13 +90,13 @@ class Scene(eqx.Module):
             ModelFileError: the scene holds what no file can say.
             RaytraceError: the file cannot be written.
         """
-        from raytrace_jax.scene.writer import save_scene
+        from .writer import save_scene
 
         save_scene(self, path, model=self.model)
 
     def to_dict(self) -> dict[str, Any]:
         """The scene as strings, numbers and lists; see `scene.writer.scene_to_dict`."""
-        from raytrace_jax.scene.writer import scene_to_dict
+        from .writer import scene_to_dict
 
         return scene_to_dict(self)
 
@@ -105,7 +105,7 @@ class Scene(eqx.Module):
         values: Mapping[str, Any], *, folder: str | os.PathLike[str] = ".", dtype: DTypeLike | None = None
     ) -> "Scene":
         """The scene of `to_dict`'s values; see `scene.build.scene_from_dict`."""
-        from raytrace_jax.scene.build import scene_from_dict
+        from .build import scene_from_dict
 
         return scene_from_dict(values, folder=folder, dtype=dtype)
 

@@ -10,8 +10,8 @@ from typing import Any, Literal, NamedTuple, TypeGuard, get_args
 import equinox as eqx
 import numpy as np
 
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.util.text import is_unicode
+from ..util.text import is_unicode
+from .setting_words import ModelName
 
 NO_BLOCK = -1
 """The column of a name that a block does without."""

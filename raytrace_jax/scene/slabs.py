@@ -5,11 +5,11 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import NO_BLOCK
-from raytrace_jax.scene.structs import Materials, Planes
-from raytrace_jax.scene.table import BLOCK_TYPES
-from raytrace_jax.util.numerics import normalize
+from ..util.numerics import normalize
+from .scene import Scene
+from .schema import NO_BLOCK
+from .structs import Materials, Planes
+from .table import BLOCK_TYPES
 
 PARTS = ("air", "back", "inside", "front")
 """What is behind each plane of a slab. Of media that overlap the first in the file decides: the last plane is the first

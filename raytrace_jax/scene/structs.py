@@ -13,9 +13,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.images import Transfer
-from raytrace_jax.scene import setting_words as words
-from raytrace_jax.scene.schema import PICTURE_MIDDLE, RGB, XY, XYZ, Limit, Quantity, attribute, between, word
+from ..images import Transfer
+from . import setting_words as words
+from .schema import PICTURE_MIDDLE, RGB, XY, XYZ, Limit, Quantity, attribute, between, word
 
 UNIT_INTERVAL = between(0, 1)
 POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")

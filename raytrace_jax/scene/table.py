@@ -6,10 +6,10 @@ same values. A new type of shape is its struct in `structs` and its row here.
 
 import numpy as np
 
-from raytrace_jax.scene import structs
-from raytrace_jax.scene.lens import visible_fraction
-from raytrace_jax.scene.response import FILM
-from raytrace_jax.scene.schema import BlockType
+from . import structs
+from .lens import visible_fraction
+from .response import FILM
+from .schema import BlockType
 
 SETTINGS = "settings"
 """The keyword of what a file says of how its picture is made."""

@@ -9,19 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from raytrace_jax.errors import ModelFileError, PictureError, SceneError
-from raytrace_jax.images.exr import write_exr
-from raytrace_jax.images.pictures import read_whole_picture
-from raytrace_jax.scene.parameters import Block, blocks, scene_model
-from raytrace_jax.scene.reader import CLOSING, Token, TokenStream, read_blocks
-from raytrace_jax.scene.rows import HEAD
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import Attribute, is_name
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.structs import Images
-from raytrace_jax.util.digits import format_number
-from raytrace_jax.util.files import write_text
-from raytrace_jax.util.text import quoted
+from ..errors import ModelFileError, PictureError, SceneError
+from ..images.exr import write_exr
+from ..images.pictures import read_whole_picture
+from ..util.digits import format_number
+from ..util.files import write_text
+from ..util.text import quoted
+from .parameters import Block, blocks, scene_model
+from .reader import CLOSING, Token, TokenStream, read_blocks
+from .rows import HEAD
+from .scene import Scene
+from .schema import Attribute, is_name
+from .setting_words import ModelName
+from .structs import Images
 
 Parts = dict[tuple[str, str, str], list[Token]]
 """The tokens of a file, with their comments, by keyword and name of a block and its part: see `reader.FileBlock`."""

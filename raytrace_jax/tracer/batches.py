@@ -17,9 +17,9 @@ import numpy as np
 from jax.sharding import PartitionSpec
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import repeat
+from ..util.numerics import repeat
+from .levels.integrator import RAYS_A_PLACE
+from .resolved_settings import ResolvedSettings
 
 T = TypeVar("T")
 

@@ -8,9 +8,9 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.checks import check_values
-from raytrace_jax.scene.parameters import (
+from ..errors import ParameterError
+from ..scene.checks import check_values
+from ..scene.parameters import (
     film_effects,
     resolve,
     row_of_names,
@@ -18,13 +18,13 @@ from raytrace_jax.scene.parameters import (
     set_parameters,
     with_film,
 )
-from raytrace_jax.scene.response import without_idle
-from raytrace_jax.scene.scene import Scene, without_texels
-from raytrace_jax.tracer.film import Image
-from raytrace_jax.tracer.radiance import Jacobian, develop_derivatives, radiance_derivatives, refuse_too_large
-from raytrace_jax.tracer.resolved_settings import resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.numerics import on_device
+from ..scene.response import without_idle
+from ..scene.scene import Scene, without_texels
+from ..util.numerics import on_device
+from .film import Image
+from .radiance import Jacobian, develop_derivatives, radiance_derivatives, refuse_too_large
+from .resolved_settings import resolve_settings
+from .settings import RenderSettings
 
 
 class PictureDerivatives(NamedTuple):

@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Num
 from PIL import Image as PillowImage
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.images import Transfer
-from raytrace_jax.images.exr import write_exr
-from raytrace_jax.images.hdr_ppm import write_ppm
-from raytrace_jax.images.png import write_png
-from raytrace_jax.images.transfer import encode_srgb
-from raytrace_jax.tracer.settings import AOVS
-from raytrace_jax.util.numerics import is_traced
+from ..errors import PictureError
+from ..images import Transfer
+from ..images.exr import write_exr
+from ..images.hdr_ppm import write_ppm
+from ..images.png import write_png
+from ..images.transfer import encode_srgb
+from ..util.numerics import is_traced
+from .settings import AOVS
 
 Image = Float[Array, "3 height width"]
 

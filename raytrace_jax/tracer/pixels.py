@@ -15,9 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.scene.scene import Camera, Scene, map_scenes, without_texels
-from raytrace_jax.scene.slabs import surface_owners
-from raytrace_jax.tracer.batches import (
+from ..scene.scene import Camera, Scene, map_scenes, without_texels
+from ..scene.slabs import surface_owners
+from ..util.compilation import jit
+from ..util.numerics import materialize
+from .batches import (
     Batches,
     Points,
     TracePoints,
@@ -26,15 +28,13 @@ from raytrace_jax.tracer.batches import (
     ray_budget,
     refuse_overflow,
 )
-from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
-from raytrace_jax.tracer.levels.integrator import Wavefront, trace
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.settings import AOVS
-from raytrace_jax.tracer.shading.image_texture import Pyramid
-from raytrace_jax.tracer.shading.textures import prepare_pyramids
-from raytrace_jax.tracer.world import World, prepare_world
-from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import materialize
+from .geometry.camera import picture_place, pixel_step
+from .levels.integrator import Wavefront, trace
+from .resolved_settings import ResolvedSettings
+from .settings import AOVS
+from .shading.image_texture import Pyramid
+from .shading.textures import prepare_pyramids
+from .world import World, prepare_world
 
 
 class Pixels(NamedTuple):

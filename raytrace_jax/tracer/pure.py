@@ -8,21 +8,21 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.response import develop
-from raytrace_jax.scene.scene import Scene, without_texels
-from raytrace_jax.tracer.batches import in_one_call
-from raytrace_jax.tracer.film import Film, Image
-from raytrace_jax.tracer.pixels import SceneFunction
-from raytrace_jax.tracer.radiance import (
+from ..scene.response import develop
+from ..scene.scene import Scene, without_texels
+from ..util.compilation import jit
+from ..util.numerics import instantiated, is_zero, with_lower_ranks
+from .batches import in_one_call
+from .film import Film, Image
+from .pixels import SceneFunction
+from .radiance import (
     Jacobian,
     develop_derivatives,
     not_differentiable,
     radiance_derivatives,
     render_radiance,
 )
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import instantiated, is_zero, with_lower_ranks
+from .resolved_settings import ResolvedSettings
 
 
 @functools.partial(jit, static_argnames="settings")

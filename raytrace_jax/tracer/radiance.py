@@ -12,17 +12,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.errors import PictureError, SettingsError
-from raytrace_jax.scene.response import Frame, develop
-from raytrace_jax.scene.scene import Scene, map_scenes
-from raytrace_jax.tracer.batches import TracePoints, in_batches
-from raytrace_jax.tracer.film import Film, Image
-from raytrace_jax.tracer.pixels import SceneFunction, mean_of_samples, picture_pixels, pixel_derivatives, pixel_outputs
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.settings import AOVS
-from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import is_zero
-from raytrace_jax.util.session import lack_of_memory
+from ..errors import PictureError, SettingsError
+from ..scene.response import Frame, develop
+from ..scene.scene import Scene, map_scenes
+from ..util.compilation import jit
+from ..util.numerics import is_zero
+from ..util.session import lack_of_memory
+from .batches import TracePoints, in_batches
+from .film import Film, Image
+from .pixels import SceneFunction, mean_of_samples, picture_pixels, pixel_derivatives, pixel_outputs
+from .resolved_settings import ResolvedSettings
+from .settings import AOVS
 
 Jacobian = Float[Array, "parameters 3 height width"]
 

@@ -8,20 +8,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from raytrace_jax.errors import RaytraceError, SettingsError
-from raytrace_jax.optics import refract
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.slabs import surface_owners
-from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, unpacked
-from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, Wavefront, trace_queue
-from raytrace_jax.tracer.levels.level import MODELS
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading.model import materials_at
-from raytrace_jax.tracer.world import prepare_world
-from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import dot
+from ..errors import RaytraceError, SettingsError
+from ..optics import refract
+from ..scene.scene import Scene
+from ..scene.slabs import surface_owners
+from ..util.compilation import jit
+from ..util.numerics import dot
+from .geometry.camera import picture_place, pixel_step
+from .geometry.rays import NO_SHAPE, unpacked
+from .levels.integrator import RAYS_A_PLACE, Wavefront, trace_queue
+from .levels.level import MODELS
+from .resolved_settings import ResolvedSettings, resolve_settings
+from .settings import RenderSettings
+from .shading.model import materials_at
+from .world import prepare_world
 
 RayKind = Literal["camera", "reflected", "transmitted"]
 KINDS: tuple[RayKind, ...] = ("reflected", "transmitted")

@@ -2,15 +2,15 @@
 
 import dataclasses
 
-from raytrace_jax.scene.checks import check_values
-from raytrace_jax.scene.response import develop_compiled, without_idle
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.pure import pure_picture
-from raytrace_jax.tracer.radiance import refuse_too_large, render_radiance
-from raytrace_jax.tracer.resolved_settings import resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.numerics import is_traced
+from ..scene.checks import check_values
+from ..scene.response import develop_compiled, without_idle
+from ..scene.scene import Scene
+from ..util.numerics import is_traced
+from .film import Film
+from .pure import pure_picture
+from .radiance import refuse_too_large, render_radiance
+from .resolved_settings import resolve_settings
+from .settings import RenderSettings
 
 
 def render(scene: Scene, settings: RenderSettings | None = None) -> Film:

@@ -5,12 +5,12 @@ import math
 import warnings
 from typing import Annotated, Any
 
-from raytrace_jax.errors import RaytraceWarning, SceneError, SettingsError
-from raytrace_jax.scene import setting_words as words
-from raytrace_jax.scene.response import Frame
-from raytrace_jax.scene.scene import FileSettings, Scene, check_scene
-from raytrace_jax.tracer.settings import MODEL_RULES, ModelRules, RenderSettings
-from raytrace_jax.util.checked import Wanted, refuse_other
+from ..errors import RaytraceWarning, SceneError, SettingsError
+from ..scene import setting_words as words
+from ..scene.response import Frame
+from ..scene.scene import FileSettings, Scene, check_scene
+from ..util.checked import Wanted, refuse_other
+from .settings import MODEL_RULES, ModelRules, RenderSettings
 
 SUBDIVISIONS = 2
 """A footprint may be cut into three so often.

@@ -5,10 +5,10 @@ import math
 from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
-from raytrace_jax.errors import SettingsError
-from raytrace_jax.scene import setting_words as words
-from raytrace_jax.scene.setting_words import MAX_PICTURE_SIDE as MAX_SIDE
-from raytrace_jax.util.checked import Checked, Wanted
+from ..errors import SettingsError
+from ..scene import setting_words as words
+from ..scene.setting_words import MAX_PICTURE_SIDE as MAX_SIDE
+from ..util.checked import Checked, Wanted
 
 AovName = Literal["depth", "normal", "position", "shape_index", "bounce_count"]
 

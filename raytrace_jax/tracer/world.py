@@ -8,16 +8,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.scene import Background, ChannelMaterials, PointLights, Scene, world_length
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.slabs import with_planes
-from raytrace_jax.scene.table import BLOCK_TYPES
-from raytrace_jax.tracer.geometry.rays import Number, Scalars
-from raytrace_jax.tracer.geometry.shape_types import repeated, scene_shapes, shape_materials
-from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.image_texture import Pyramid
-from raytrace_jax.tracer.shading.textures import Textures, prepare_pyramids, prepare_textures
+from ..scene.scene import Background, ChannelMaterials, PointLights, Scene, world_length
+from ..scene.setting_words import ModelName
+from ..scene.slabs import with_planes
+from ..scene.table import BLOCK_TYPES
+from .geometry.rays import Number, Scalars
+from .geometry.shape_types import repeated, scene_shapes, shape_materials
+from .geometry.shapes import Shapes
+from .resolved_settings import ResolvedSettings
+from .shading.image_texture import Pyramid
+from .shading.textures import Textures, prepare_pyramids, prepare_textures
 
 
 class World(eqx.Module):

@@ -8,8 +8,8 @@ from numbers import Integral, Real
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
-from raytrace_jax.errors import ParameterError, RaytraceError
-from raytrace_jax.util.text import did_you_mean
+from ..errors import ParameterError, RaytraceError
+from .text import did_you_mean
 
 
 class Wanted(NamedTuple):

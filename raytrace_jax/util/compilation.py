@@ -16,9 +16,9 @@ import numpy as np
 from jax.core import Tracer
 from jax.export import Exported, export
 
-from raytrace_jax.errors import RaytraceError
-from raytrace_jax.util.kept_programs import load_program, program_path, save_program
-from raytrace_jax.util.numerics import with_lower_ranks
+from ..errors import RaytraceError
+from .kept_programs import load_program, program_path, save_program
+from .numerics import with_lower_ranks
 
 EXPORTED = "_exported"
 """End of the name of a program that is compiled from what was kept."""

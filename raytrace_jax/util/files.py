@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from raytrace_jax.errors import RaytraceError
+from ..errors import RaytraceError
 
 
 def as_path(name: str | os.PathLike[str], error: type[RaytraceError] = RaytraceError) -> Path:

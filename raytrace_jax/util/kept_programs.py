@@ -19,8 +19,8 @@ from typing import Any
 import jax
 from jax.export import Exported, deserialize
 
-from raytrace_jax.util.cache_folder import program_files
-from raytrace_jax.util.files import atomic_write
+from .cache_folder import program_files
+from .files import atomic_write
 
 MOST_BYTES = 1_000_000_000  # For programs, ours and JAX's, up to a megabyte each: of more, the oldest go.
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import jax
 
-from raytrace_jax.errors import RaytraceWarning
-from raytrace_jax.util.cache_folder import cache_folder
-from raytrace_jax.util.kept_programs import keep_programs
+from ..errors import RaytraceWarning
+from .cache_folder import cache_folder
+from .kept_programs import keep_programs
 
 
 @contextlib.contextmanager

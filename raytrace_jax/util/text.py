@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
-from raytrace_jax.errors import RaytraceError
+from ..errors import RaytraceError
 
 LONGEST_QUOTE, LONGEST_LIST = 60, 30
 

@@ -55,6 +55,14 @@ def delegations(module, tree):
     return [node for node in map(delegation, methods) if node]
 
 
+def absolute(path, node):
+    """The module that an import is from: dots count packages, the first one the file's own."""
+    if not node.level:
+        return node.module
+    package = path.relative_to(ROOT).parts[: -node.level]
+    return ".".join([*package, *filter(None, [node.module])])
+
+
 def imports(path):
     """The modules of the package that a module imports, wherever in its text it does so.
 
@@ -68,10 +76,11 @@ def imports(path):
         if isinstance(node, ast.Import):
             wanted = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: imports are absolute, one style for all"
+            assert node.level or PACKAGE not in node.module, f"{path}: imports within the package are relative"
+            module = absolute(path, node)
             # `from package import name`: the name is a module, or something in the package itself.
-            wanted = [f"{node.module}.{alias.name}" for alias in node.names]
-            wanted = [name if name in MODULES else node.module for name in wanted]
+            wanted = [f"{module}.{alias.name}" for alias in node.names]
+            wanted = [name if name in MODULES else module for name in wanted]
         else:
             continue
         yield from (name for name in wanted if name in MODULES)

@@ -9,20 +9,20 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from raytrace_jax.batch import cluster
-from raytrace_jax.batch.jobs import Job, expand, labelled
-from raytrace_jax.batch.plan import read_plan
-from raytrace_jax.batch.plan_file import PlanError
-from raytrace_jax.batch.run import JobRecord, is_done, other_records, run_and_record, write_plan
-from raytrace_jax.batch.table import make_table, remove_tables, write_overview, write_table
-from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
-from raytrace_jax.cli.options.fits import Batch
-from raytrace_jax.cli.preparation import check_folder
-from raytrace_jax.cli.progress import SECONDS_BETWEEN, Shown
-from raytrace_jax.errors import RaytraceError, reworded
-from raytrace_jax.util.files import json_text
-from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import install
+from ...batch import cluster
+from ...batch.jobs import Job, expand, labelled
+from ...batch.plan import read_plan
+from ...batch.plan_file import PlanError
+from ...batch.run import JobRecord, is_done, other_records, run_and_record, write_plan
+from ...batch.table import make_table, remove_tables, write_overview, write_table
+from ...errors import RaytraceError, reworded
+from ...util.files import json_text
+from ...util.session import jax_session
+from ...util.text import install
+from ..console import UsageError, print_warning, stderr_console
+from ..options.fits import Batch
+from ..preparation import check_folder
+from ..progress import SECONDS_BETWEEN, Shown
 
 
 def run_batch(command: Batch) -> int:

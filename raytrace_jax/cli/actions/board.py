@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.cli.console import UsageError, blamed_on, print_warning
-from raytrace_jax.cli.options.fits import Board
-from raytrace_jax.cli.preparation import check_picture_path
-from raytrace_jax.errors import RaytraceError
-from raytrace_jax.photo.board_pattern import Pattern
-from raytrace_jax.photo.boards import LEAST_CORNERS, opencv
-from raytrace_jax.report import board_sheet
-from raytrace_jax.scene.schema import is_name
-from raytrace_jax.util.files import atomic_write, write_text
-from raytrace_jax.util.text import millimetres, quoted
+from ...errors import RaytraceError
+from ...photo.board_pattern import Pattern
+from ...photo.boards import LEAST_CORNERS, opencv
+from ...report import board_sheet
+from ...scene.schema import is_name
+from ...util.files import atomic_write, write_text
+from ...util.text import millimetres, quoted
+from ..console import UsageError, blamed_on, print_warning
+from ..options.fits import Board
+from ..preparation import check_picture_path
 
 SQUARE = 10.0  # Millimetres, unless the user says otherwise.
 

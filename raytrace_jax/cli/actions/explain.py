@@ -6,22 +6,22 @@ import sys
 
 import numpy as np
 
-from raytrace_jax.cli import preparation
-from raytrace_jax.cli.console import UsageError, blamed_on, print_table, stderr_console
-from raytrace_jax.cli.options import split_assignment
-from raytrace_jax.cli.options.scenes import Rays, Teach, View
-from raytrace_jax.cli.progress import Timer
-from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.lessons.pictures import LESSONS, index_page
-from raytrace_jax.report.live import HOST, Slider, Studio, make_server
-from raytrace_jax.report.rays import draw_tree
-from raytrace_jax.scene.parameters import blocks_of, get_parameter, material_of, scalar_names
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.ray_tree import RayNode, RayTree, trace_tree
-from raytrace_jax.util.files import atomic_write, json_text, write_text
-from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import parse_number
+from ...report.films import screen_transfer
+from ...report.lessons.pictures import LESSONS, index_page
+from ...report.live import HOST, Slider, Studio, make_server
+from ...report.rays import draw_tree
+from ...scene.parameters import blocks_of, get_parameter, material_of, scalar_names
+from ...scene.scene import Scene
+from ...scene.setting_words import ModelName
+from ...tracer.ray_tree import RayNode, RayTree, trace_tree
+from ...util.files import atomic_write, json_text, write_text
+from ...util.session import jax_session
+from ...util.text import parse_number
+from .. import preparation
+from ..console import UsageError, blamed_on, print_table, stderr_console
+from ..options import split_assignment
+from ..options.scenes import Rays, Teach, View
+from ..progress import Timer
 
 
 def run_rays(command: Rays) -> None:

@@ -11,31 +11,31 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.cli.console import TYPED, UsageError, print_table, print_warning, stderr_console
-from raytrace_jax.cli.options.fits import Fit
-from raytrace_jax.cli.preparation import check_folder, read_picture_scene, warn_of_shared_materials
-from raytrace_jax.cli.progress import FitProgress, Timer
-from raytrace_jax.errors import PictureError
-from raytrace_jax.images import Transfer, exif, jpeg, masks, pictures
-from raytrace_jax.images.transfer import DECODERS, ENCODERS
-from raytrace_jax.inverse.build_problem import as_file_says, asked_for, build_problem
-from raytrace_jax.inverse.estimate import fit
-from raytrace_jax.inverse.observe.sampling import supersampled
-from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.result import last_word
-from raytrace_jax.inverse.result_file import save_record
-from raytrace_jax.inverse.result_rows import estimate_table
-from raytrace_jax.report.fit_report.numbers import write_numbers
-from raytrace_jax.report.fit_report.summary import AFTER
-from raytrace_jax.scene.bundled import scene_path
-from raytrace_jax.scene.parameters import parse_assignment, set_parameters
-from raytrace_jax.scene.scene import PerspectiveCamera, Scene
-from raytrace_jax.scene.structs import USUAL_FOV
-from raytrace_jax.tracer.radiance import refuse_too_large
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.background import run_beside
-from raytrace_jax.util.numerics import TINY
-from raytrace_jax.util.session import jax_session
+from ...errors import PictureError
+from ...images import Transfer, exif, jpeg, masks, pictures
+from ...images.transfer import DECODERS, ENCODERS
+from ...inverse.build_problem import as_file_says, asked_for, build_problem
+from ...inverse.estimate import fit
+from ...inverse.observe.sampling import supersampled
+from ...inverse.options import FitOptions
+from ...inverse.result import last_word
+from ...inverse.result_file import save_record
+from ...inverse.result_rows import estimate_table
+from ...report.fit_report.numbers import write_numbers
+from ...report.fit_report.summary import AFTER
+from ...scene.bundled import scene_path
+from ...scene.parameters import parse_assignment, set_parameters
+from ...scene.scene import PerspectiveCamera, Scene
+from ...scene.structs import USUAL_FOV
+from ...tracer.radiance import refuse_too_large
+from ...tracer.resolved_settings import ResolvedSettings
+from ...util.background import run_beside
+from ...util.numerics import TINY
+from ...util.session import jax_session
+from ..console import TYPED, UsageError, print_table, print_warning, stderr_console
+from ..options.fits import Fit
+from ..preparation import check_folder, read_picture_scene, warn_of_shared_materials
+from ..progress import FitProgress, Timer
 
 
 def read_target(
@@ -206,7 +206,7 @@ def run_fit(command: Fit) -> int:
         elif result.status != "interrupted":
             with Timer("writing the report", console) as timer:
                 # It imports matplotlib, which takes half a second that the numbers need not wait for.
-                from raytrace_jax.report.fit_report.folder import write_pictures
+                from ...report.fit_report.folder import write_pictures
 
                 write_pictures(result, command.output, command.long, command.pdf)
                 timer.took("writing the report")

@@ -8,40 +8,40 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from raytrace_jax.cli.actions.fit import NOT_CONVERGED, provenance
-from raytrace_jax.cli.actions.photo_input import measured_of, photographs_in, warn_of_unmeasured
-from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
-from raytrace_jax.cli.options.fits import Calibrate, Photo
-from raytrace_jax.cli.preparation import check_file, check_folder
-from raytrace_jax.cli.progress import FitProgress, Timer
-from raytrace_jax.errors import PictureError
-from raytrace_jax.images.exif import angle_of_view
-from raytrace_jax.images.pictures import is_photograph
-from raytrace_jax.inverse.estimate import fit
-from raytrace_jax.inverse.judge.assumptions import Contradiction, looks_like
-from raytrace_jax.inverse.result import last_word
-from raytrace_jax.inverse.result_rows import estimate_table
-from raytrace_jax.photo.boards import CharucoBoard, read_board
-from raytrace_jax.photo.bundle import Measured
-from raytrace_jax.photo.find_camera import calibrate
-from raytrace_jax.photo.flattened import Flattened, flatten
-from raytrace_jax.photo.geometry import AT
-from raytrace_jax.photo.lens import LensPrior, Turn, read_lens, uncalibrated, write_lens
-from raytrace_jax.photo.locate import Located, Together, locate_together
-from raytrace_jax.photo.opinions import AGREE, NAMES, budget, contradictions, joined, shown, told_together
-from raytrace_jax.photo.outline import Disc
-from raytrace_jax.photo.photograph import Photograph
-from raytrace_jax.photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene, wedge_comment
-from raytrace_jax.photo.turned import turned_alike
-from raytrace_jax.report.fit_report.folder import write_pictures
-from raytrace_jax.report.fit_report.numbers import write_numbers
-from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
-from raytrace_jax.scene.parameters import scalar_names
-from raytrace_jax.scene.writer import save_scene
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.digits import with_error
-from raytrace_jax.util.files import atomic_write, json_text, write_text
-from raytrace_jax.util.session import jax_session
+from ...errors import PictureError
+from ...images.exif import angle_of_view
+from ...images.pictures import is_photograph
+from ...inverse.estimate import fit
+from ...inverse.judge.assumptions import Contradiction, looks_like
+from ...inverse.result import last_word
+from ...inverse.result_rows import estimate_table
+from ...photo.boards import CharucoBoard, read_board
+from ...photo.bundle import Measured
+from ...photo.find_camera import calibrate
+from ...photo.flattened import Flattened, flatten
+from ...photo.geometry import AT
+from ...photo.lens import LensPrior, Turn, read_lens, uncalibrated, write_lens
+from ...photo.locate import Located, Together, locate_together
+from ...photo.opinions import AGREE, NAMES, budget, contradictions, joined, shown, told_together
+from ...photo.outline import Disc
+from ...photo.photograph import Photograph
+from ...photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene, wedge_comment
+from ...photo.turned import turned_alike
+from ...report.fit_report.folder import write_pictures
+from ...report.fit_report.numbers import write_numbers
+from ...report.photo_sheet import draw_photo_sheet, draw_refused
+from ...scene.parameters import scalar_names
+from ...scene.writer import save_scene
+from ...tracer.settings import RenderSettings
+from ...util.digits import with_error
+from ...util.files import atomic_write, json_text, write_text
+from ...util.session import jax_session
+from ..console import UsageError, print_table, print_warning, stderr_console
+from ..options.fits import Calibrate, Photo
+from ..preparation import check_file, check_folder
+from ..progress import FitProgress, Timer
+from .fit import NOT_CONVERGED, provenance
+from .photo_input import measured_of, photographs_in, warn_of_unmeasured
 
 
 def run_calibrate(command: Calibrate) -> int:

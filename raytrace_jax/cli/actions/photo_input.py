@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.cli.console import UsageError, blamed_on, print_warning
-from raytrace_jax.cli.options.fits import Photo
-from raytrace_jax.errors import PictureError
-from raytrace_jax.images import Transfer
-from raytrace_jax.images.exif import camera_of, orientation_of
-from raytrace_jax.images.pictures import read_whole_picture, transfer_of_camera
-from raytrace_jax.photo.boards import CharucoBoard
-from raytrace_jax.photo.bundle import Measured
-from raytrace_jax.photo.markers import is_mirrored
-from raytrace_jax.photo.photograph import Photograph, photograph_of
-from raytrace_jax.util.text import quoted, value_and_deviation, with_tolerance
+from ...errors import PictureError
+from ...images import Transfer
+from ...images.exif import camera_of, orientation_of
+from ...images.pictures import read_whole_picture, transfer_of_camera
+from ...photo.boards import CharucoBoard
+from ...photo.bundle import Measured
+from ...photo.markers import is_mirrored
+from ...photo.photograph import Photograph, photograph_of
+from ...util.text import quoted, value_and_deviation, with_tolerance
+from ..console import UsageError, blamed_on, print_warning
+from ..options.fits import Photo
 
 UNMEASURED = "100+-0.1 mm"
 """A ruler that nobody measured: printers are right to about a thousandth."""

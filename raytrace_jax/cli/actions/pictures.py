@@ -6,27 +6,27 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.cli import preparation
-from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
-from raytrace_jax.cli.options import RenderOptions, split_assignment
-from raytrace_jax.cli.options.scenes import Gallery, Grad, Sweep
-from raytrace_jax.cli.progress import Timer
-from raytrace_jax.images import animation, masks
-from raytrace_jax.images.png import write_png
-from raytrace_jax.report.derivatives import DerivativeCheck, check_derivative, draw_gradients
-from raytrace_jax.report.differences import Differences, steady_differences
-from raytrace_jax.report.films import how_made, screen_transfer, write_derivatives
-from raytrace_jax.report.gallery import GALLERIES, Variant, draw_gallery, render_gallery
-from raytrace_jax.report.panels import as_pixels
-from raytrace_jax.scene.bundled import bundled_scenes
-from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
-from raytrace_jax.tracer.rendering import render
-from raytrace_jax.util.digits import evenly_spaced
-from raytrace_jax.util.files import atomic_write, json_text
-from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import parse_number
+from ...images import animation, masks
+from ...images.png import write_png
+from ...report.derivatives import DerivativeCheck, check_derivative, draw_gradients
+from ...report.differences import Differences, steady_differences
+from ...report.films import how_made, screen_transfer, write_derivatives
+from ...report.gallery import GALLERIES, Variant, draw_gallery, render_gallery
+from ...report.panels import as_pixels
+from ...scene.bundled import bundled_scenes
+from ...scene.parameters import parse_assignment, scalar_names, set_parameters
+from ...scene.scene import Scene
+from ...tracer.derivatives import PictureDerivatives, picture_derivatives
+from ...tracer.rendering import render
+from ...util.digits import evenly_spaced
+from ...util.files import atomic_write, json_text
+from ...util.session import jax_session
+from ...util.text import parse_number
+from .. import preparation
+from ..console import UsageError, print_table, print_warning, stderr_console
+from ..options import RenderOptions, split_assignment
+from ..options.scenes import Gallery, Grad, Sweep
+from ..progress import Timer
 
 
 def run_grad(command: Grad) -> int:

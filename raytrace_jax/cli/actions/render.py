@@ -5,15 +5,15 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
-from raytrace_jax.cli.options.scenes import Render
-from raytrace_jax.cli.preparation import check_picture_path, read_picture_scene
-from raytrace_jax.cli.progress import Timer
-from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
-from raytrace_jax.images.png import write_png
-from raytrace_jax.report.films import how_made, screen_transfer, write_film
-from raytrace_jax.tracer.rendering import render
-from raytrace_jax.util.session import jax_session
+from ...images.masks import bad_pixels, blackened, mask_in_words
+from ...images.png import write_png
+from ...report.films import how_made, screen_transfer, write_film
+from ...tracer.rendering import render
+from ...util.session import jax_session
+from ..console import UsageError, print_warning, stderr_console
+from ..options.scenes import Render
+from ..preparation import check_picture_path, read_picture_scene
+from ..progress import Timer
 
 
 def run_render(command: Render) -> int:

@@ -3,19 +3,19 @@
 import sys
 from collections.abc import Sequence
 
-from raytrace_jax.cli.console import UsageError, print_table, stderr_console
-from raytrace_jax.cli.options.scenes import Export, Format, Import, Info, New, Scenes
-from raytrace_jax.cli.preparation import check_file, read_picture_scene, read_scene
-from raytrace_jax.errors import RaytraceError
-from raytrace_jax.exchange.export import export_scene
-from raytrace_jax.exchange.mitsuba.load import import_scene
-from raytrace_jax.scene import parameters
-from raytrace_jax.scene.bundled import bundled_scenes, scene_path
-from raytrace_jax.scene.parameters import Block, material_of
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.writer import format_scene, plain_value, save_scene, value_text
-from raytrace_jax.util.files import json_text, write_text
-from raytrace_jax.util.session import jax_session
+from ...errors import RaytraceError
+from ...exchange.export import export_scene
+from ...exchange.mitsuba.load import import_scene
+from ...scene import parameters
+from ...scene.bundled import bundled_scenes, scene_path
+from ...scene.parameters import Block, material_of
+from ...scene.scene import Scene
+from ...scene.writer import format_scene, plain_value, save_scene, value_text
+from ...util.files import json_text, write_text
+from ...util.session import jax_session
+from ..console import UsageError, print_table, stderr_console
+from ..options.scenes import Export, Format, Import, Info, New, Scenes
+from ..preparation import check_file, read_picture_scene, read_scene
 
 IN_LIQUID = """
 material liquid {{

@@ -15,9 +15,9 @@ from typing import Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 import docstring_parser
 from tyro.conf import Positional, Suppress, UseAppendAction, arg
 
-from raytrace_jax.cli.console import UsageError, blamed_on
-from raytrace_jax.tracer.settings import AovName, Precision, RenderSettings
-from raytrace_jax.util.checked import Checked, wanted
+from ...tracer.settings import AovName, Precision, RenderSettings
+from ...util.checked import Checked, wanted
+from ..console import UsageError, blamed_on
 
 T = TypeVar("T")
 

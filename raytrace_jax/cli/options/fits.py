@@ -7,12 +7,12 @@ from typing import Annotated, TypeVar
 
 from tyro.conf import Positional, arg
 
-from raytrace_jax.cli import options as shared
-from raytrace_jax.cli.console import UsageError
-from raytrace_jax.images import Clipped, Transfer
-from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.util.checked import Wanted
-from raytrace_jax.util.text import PaperName, parse_number, value_and_deviation
+from ...images import Clipped, Transfer
+from ...inverse.options import FitOptions
+from ...util.checked import Wanted
+from ...util.text import PaperName, parse_number, value_and_deviation
+from .. import options as shared
+from ..console import UsageError
 
 T = TypeVar("T")
 

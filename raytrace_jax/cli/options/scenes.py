@@ -6,12 +6,12 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from raytrace_jax.cli import options as shared
-from raytrace_jax.exchange import Format as Language
-from raytrace_jax.images import Transfer
-from raytrace_jax.report import GallerySet, LessonName
-from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode, ModelName
-from raytrace_jax.util.checked import Wanted
+from ...exchange import Format as Language
+from ...images import Transfer
+from ...report import GallerySet, LessonName
+from ...scene.setting_words import MAX_SAMPLES, EdgeMode, ModelName
+from ...util.checked import Wanted
+from .. import options as shared
 
 FigureFormat = Literal["svg", "pdf"]
 

@@ -7,8 +7,8 @@ import equinox as eqx
 import numpy as np
 from numpy.typing import ArrayLike
 
-from raytrace_jax.exchange.described import Described, Material, Shape, Texture, overlap, reach
-from raytrace_jax.exchange.mitsuba.plugins import (
+from ..described import Described, Material, Shape, Texture, overlap, reach
+from .plugins import (
     UPSIDE_DOWN,
     Color,
     LookAt,

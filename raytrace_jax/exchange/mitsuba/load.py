@@ -11,12 +11,18 @@ from typing import Any
 import numpy as np
 from jax.typing import DTypeLike
 
-from raytrace_jax.errors import RaytraceError, SceneError
-from raytrace_jax.exchange.described import BLACK, Material, Shape
-from raytrace_jax.exchange.media import SurfaceMedia, surface_media
-from raytrace_jax.exchange.mitsuba.parser import KNOWN, read_plugins, unread_properties
-from raytrace_jax.exchange.mitsuba.plugins import Plugin, numbered
-from raytrace_jax.exchange.mitsuba.shapes import (
+from ...errors import RaytraceError, SceneError
+from ...images.exif import DIAGONAL_OF_FILM
+from ...scene import build
+from ...scene.rows import Description
+from ...scene.scene import Scene
+from ...scene.setting_words import MAX_BOUNCES
+from ...tracer.resolved_settings import resolve_settings
+from ..described import BLACK, Material, Shape
+from ..media import SurfaceMedia, surface_media
+from .parser import KNOWN, read_plugins, unread_properties
+from .plugins import Plugin, numbered
+from .shapes import (
     deepest_first,
     endless_glass,
     other_side,
@@ -25,12 +31,6 @@ from raytrace_jax.exchange.mitsuba.shapes import (
     read_sky,
     with_indices,
 )
-from raytrace_jax.images.exif import DIAGONAL_OF_FILM
-from raytrace_jax.scene import build
-from raytrace_jax.scene.rows import Description
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.setting_words import MAX_BOUNCES
-from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 
 def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None) -> tuple[Scene, tuple[str, ...]]:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from raytrace_jax.errors import RaytraceError, SceneError
-from raytrace_jax.exchange.mitsuba.plugins import Color, Matrix, Plugin, Point, Value, numbered
-from raytrace_jax.util.text import install
+from ...errors import RaytraceError, SceneError
+from ...util.text import install
+from .plugins import Color, Matrix, Plugin, Point, Value, numbered
 
 TAGS = {"reconstructionfilter": "rfilter", "phasefunction": "phase"}
 """The tags of Mitsuba's types of objects that are not the types' own names."""

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
-from raytrace_jax.errors import SceneError
+from ...errors import SceneError
 
 
 class Color(NamedTuple):

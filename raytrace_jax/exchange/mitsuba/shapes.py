@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.described import BLACK, Material, Shape, Texture, reach
-from raytrace_jax.exchange.media import SurfaceMedia
-from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, Plugin, Value
-from raytrace_jax.images.pictures import read_whole_picture
+from ...errors import SceneError
+from ...images.pictures import read_whole_picture
+from ..described import BLACK, Material, Shape, Texture, reach
+from ..media import SurfaceMedia
+from .plugins import UPSIDE_DOWN, Color, Plugin, Value
 
 WHITE, GREY = (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.judge.structure import PairScores
-from raytrace_jax.util.digits import with_error
-from raytrace_jax.util.text import listed
+from ...util.digits import with_error
+from ...util.text import listed
+from .structure import PairScores
 
 WHAT_IF = 1e-3
 """Fraction of its size by which a number is taken to be off, in the sentence on what the answer rests on."""

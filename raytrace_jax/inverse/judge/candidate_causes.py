@@ -9,15 +9,15 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import special
 
-from raytrace_jax.inverse.judge.assumptions import Cause
-from raytrace_jax.inverse.judge.changes import SampledPicture, number_changes
-from raytrace_jax.inverse.problem.fixed import fixed_numbers, number_size
-from raytrace_jax.inverse.problem.unknowns import Covariance, Image
-from raytrace_jax.scene.parameters import resolve
-from raytrace_jax.scene.response import FILM, FILM_EFFECTS, FilmEffect, develop_compiled, neutral_response, without_idle
-from raytrace_jax.scene.scene import CameraResponse
-from raytrace_jax.scene.schema import RGB, Attribute, Range
-from raytrace_jax.util.numerics import TINY, on_device, solve_normal
+from ...scene.parameters import resolve
+from ...scene.response import FILM, FILM_EFFECTS, FilmEffect, develop_compiled, neutral_response, without_idle
+from ...scene.scene import CameraResponse
+from ...scene.schema import RGB, Attribute, Range
+from ...util.numerics import TINY, on_device, solve_normal
+from ..problem.fixed import fixed_numbers, number_size
+from ..problem.unknowns import Covariance, Image
+from .assumptions import Cause
+from .changes import SampledPicture, number_changes
 
 SIGNIFICANT = 4.5
 """Standard score from which on a change explains a residual. Of 114 changes the largest score of noise alone, white,

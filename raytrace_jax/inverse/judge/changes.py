@@ -10,19 +10,19 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.structure import square_sums
-from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem.fixed import inward_step, moved_together, number_size
-from raytrace_jax.inverse.problem.linearize import Linearization
-from raytrace_jax.inverse.problem.prediction import PredictedPicture
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.unknowns import Image, Mask, Vector
-from raytrace_jax.scene.parameters import Parameter
-from raytrace_jax.scene.scene import Scene, map_scenes
-from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.geometry.camera import pixel_step
-from raytrace_jax.tracer.pixels import sample_offsets
-from raytrace_jax.util.numerics import TINY
+from ...scene.parameters import Parameter
+from ...scene.scene import Scene, map_scenes
+from ...scene.setting_words import EdgeMode
+from ...tracer.geometry.camera import pixel_step
+from ...tracer.pixels import sample_offsets
+from ...util.numerics import TINY
+from ..options import Stage
+from ..problem.fixed import inward_step, moved_together, number_size
+from ..problem.linearize import Linearization
+from ..problem.prediction import PredictedPicture
+from ..problem.problem import Problem
+from ..problem.unknowns import Image, Mask, Vector
+from .structure import square_sums
 
 
 class PixelSample(NamedTuple):

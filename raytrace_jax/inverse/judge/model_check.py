@@ -8,8 +8,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.assumptions import Assumption, ModelCheck
-from raytrace_jax.inverse.judge.candidate_causes import (
+from ...util.numerics import MAD_TO_SIGMA, TINY, solve_normal
+from ..problem.fixed import fixed_numbers, root_covariance
+from ..problem.observation import Observation
+from ..problem.problem import FitState
+from ..problem.unknowns import Image, Values
+from .assumptions import Assumption, ModelCheck
+from .candidate_causes import (
     CandidateCause,
     Rows,
     film_candidates,
@@ -19,13 +24,8 @@ from raytrace_jax.inverse.judge.candidate_causes import (
     orthogonal_to,
     scene_candidates,
 )
-from raytrace_jax.inverse.judge.changes import extent_of, parameter_changes, pixels_to_check
-from raytrace_jax.inverse.judge.structure import block_scatter, pair_scores
-from raytrace_jax.inverse.problem.fixed import fixed_numbers, root_covariance
-from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.problem import FitState
-from raytrace_jax.inverse.problem.unknowns import Image, Values
-from raytrace_jax.util.numerics import MAD_TO_SIGMA, TINY, solve_normal
+from .changes import extent_of, parameter_changes, pixels_to_check
+from .structure import block_scatter, pair_scores
 
 
 def expected_error(

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from raytrace_jax.inverse.problem.problem import FitState
-from raytrace_jax.inverse.problem.unknowns import Covariance, Image, Mask, PixelJacobian
-from raytrace_jax.util.numerics import TINY, solve_normal
+from ...util.numerics import TINY, solve_normal
+from ..problem.problem import FitState
+from ..problem.unknowns import Covariance, Image, Mask, PixelJacobian
 
 SQUARE = 4
 """Side in pixels of the squares over which noise averages out and structure stays. With 2 noise passes for structure,

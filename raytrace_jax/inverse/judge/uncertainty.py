@@ -9,10 +9,10 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from raytrace_jax.inverse.problem.problem import FitState
-from raytrace_jax.inverse.problem.stages import Scores
-from raytrace_jax.inverse.problem.unknowns import Covariance, Values
-from raytrace_jax.util.numerics import MAD_TO_SIGMA, TINY
+from ...util.numerics import MAD_TO_SIGMA, TINY
+from ..problem.problem import FitState
+from ..problem.stages import Scores
+from ..problem.unknowns import Covariance, Values
 
 RANK_TOLERANCE = 1e-9
 """A direction along which the picture changes this much less than along the strongest one is not determined."""

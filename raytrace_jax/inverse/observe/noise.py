@@ -3,9 +3,9 @@
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.problem.linearize import outer
-from raytrace_jax.inverse.problem.stages import Matters, ObservationStage, Scores
-from raytrace_jax.inverse.problem.unknowns import Covariance, Image, PixelJacobian
+from ..problem.linearize import outer
+from ..problem.stages import Matters, ObservationStage, Scores
+from ..problem.unknowns import Covariance, Image, PixelJacobian
 
 
 class Noise(ObservationStage):

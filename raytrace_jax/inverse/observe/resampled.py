@@ -6,14 +6,14 @@ import functools
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from raytrace_jax.inverse.observe import sampling
-from raytrace_jax.inverse.observe.sampling import Moments, pixel_moments, point_sampled, samples_of
-from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem.prediction import PredictedPicture
-from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.problem.unknowns import Covariance, Image, PixelJacobian, Values, Vector
-from raytrace_jax.tracer.pixels import sample_offsets
-from raytrace_jax.util.numerics import TINY, solve_normal
+from ...tracer.pixels import sample_offsets
+from ...util.numerics import TINY, solve_normal
+from ..options import Stage
+from ..problem.prediction import PredictedPicture
+from ..problem.problem import FitState, Problem
+from ..problem.unknowns import Covariance, Image, PixelJacobian, Values, Vector
+from . import sampling
+from .sampling import Moments, pixel_moments, point_sampled, samples_of
 
 
 @dataclasses.dataclass(frozen=True)

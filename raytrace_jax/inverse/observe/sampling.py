@@ -8,18 +8,18 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.inverse.observe.noise import Noise
-from raytrace_jax.inverse.observe.storing import Compression, Rounding
-from raytrace_jax.inverse.problem.linearize import Linearization
-from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.stages import ObservationStage
-from raytrace_jax.inverse.problem.unknowns import Covariance, Image, Vector
-from raytrace_jax.scene.scene import Scene, map_scenes
-from raytrace_jax.scene.setting_words import MAX_SAMPLES
-from raytrace_jax.tracer.pixels import sample_offsets
-from raytrace_jax.util.numerics import TINY
+from ...images.jpeg import JpegStorage
+from ...scene.scene import Scene, map_scenes
+from ...scene.setting_words import MAX_SAMPLES
+from ...tracer.pixels import sample_offsets
+from ...util.numerics import TINY
+from ..problem.linearize import Linearization
+from ..problem.observation import Observation
+from ..problem.problem import Problem
+from ..problem.stages import ObservationStage
+from ..problem.unknowns import Covariance, Image, Vector
+from .noise import Noise
+from .storing import Compression, Rounding
 
 
 @dataclasses.dataclass(frozen=True)

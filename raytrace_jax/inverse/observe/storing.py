@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 
-from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.images.transfer import rounding_of
-from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.stages import ObservationStage, Scores
-from raytrace_jax.inverse.problem.unknowns import Covariance, Image, PixelJacobian
-from raytrace_jax.util.numerics import MAD_TO_SIGMA
+from ...images.jpeg import JpegStorage
+from ...images.transfer import rounding_of
+from ...util.numerics import MAD_TO_SIGMA
+from ..problem.observation import Observation
+from ..problem.stages import ObservationStage, Scores
+from ..problem.unknowns import Covariance, Image, PixelJacobian
 
 
 class Rounding(ObservationStage):

@@ -8,14 +8,14 @@ from collections.abc import Container, Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.errors import ParameterError, RaytraceWarning
-from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.unknowns import Unknowns
-from raytrace_jax.scene.parameters import Address, Parameter, blocks, blocks_of, list_parameters, resolve, scalar_names
-from raytrace_jax.scene.response import FILM
-from raytrace_jax.scene.scene import Scene, map_scenes
-from raytrace_jax.util.text import listed, parse_number, quoted
+from ...errors import ParameterError, RaytraceWarning
+from ...scene.parameters import Address, Parameter, blocks, blocks_of, list_parameters, resolve, scalar_names
+from ...scene.response import FILM
+from ...scene.scene import Scene, map_scenes
+from ...util.text import listed, parse_number, quoted
+from ..options import FitOptions
+from .problem import Problem
+from .unknowns import Unknowns
 
 
 def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> dict[str, Parameter]:

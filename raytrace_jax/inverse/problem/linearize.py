@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.inverse.options import LossName
-from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.prediction import PredictedPicture
-from raytrace_jax.inverse.problem.unknowns import AnyArray, Prior, Vector
-from raytrace_jax.util.compilation import jit
+from ...images.filters import gaussian_blur
+from ...util.compilation import jit
+from ..options import LossName
+from .observation import Observation
+from .prediction import PredictedPicture
+from .unknowns import AnyArray, Prior, Vector
 
 Residual = Float[Array, "*any"]
 Scale = Float[Array, ""]

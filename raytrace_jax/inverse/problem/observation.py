@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.errors import PictureError, RaytraceWarning
-from raytrace_jax.images.filters import bin_pixels
-from raytrace_jax.inverse.problem.unknowns import AnyArray, Image, Mask
-from raytrace_jax.scene.checks import is_gray
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import is_masked, on_device, real_numbers
+from ...errors import PictureError, RaytraceWarning
+from ...images.filters import bin_pixels
+from ...scene.checks import is_gray
+from ...scene.scene import Scene
+from ...tracer.resolved_settings import ResolvedSettings
+from ...util.numerics import is_masked, on_device, real_numbers
+from .unknowns import AnyArray, Image, Mask
 
 
 class Observation(eqx.Module):

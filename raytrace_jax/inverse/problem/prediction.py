@@ -12,19 +12,19 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.unknowns import Image, Mask, Unknowns, Values, Vector, moved_scene
-from raytrace_jax.scene.parameters import film_effects
-from raytrace_jax.scene.response import Frame, develop, develop_compiled, light_reach, linear_effects, without_idle
-from raytrace_jax.scene.scene import CameraResponse, Scene, without_texels
-from raytrace_jax.tracer.pixels import (
+from ...images.filters import gaussian_blur
+from ...scene.parameters import film_effects
+from ...scene.response import Frame, develop, develop_compiled, light_reach, linear_effects, without_idle
+from ...scene.scene import CameraResponse, Scene, without_texels
+from ...tracer.pixels import (
     PixelDerivatives,
     pixel_colors,
     pixel_derivatives,
 )
-from raytrace_jax.tracer.radiance import develop_derivatives
-from raytrace_jax.util.compilation import jit
+from ...tracer.radiance import develop_derivatives
+from ...util.compilation import jit
+from .observation import Observation
+from .unknowns import Image, Mask, Unknowns, Values, Vector, moved_scene
 
 
 class PredictedPicture(eqx.Module):

@@ -10,12 +10,19 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int, Num
 
-from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem.linearize import Linearization, evaluate, linearize
-from raytrace_jax.inverse.problem.observation import Observation, nearest_power
-from raytrace_jax.inverse.problem.prediction import CameraModel, ForwardModel, PredictedPicture, forward_model
-from raytrace_jax.inverse.problem.stages import ObservationStage
-from raytrace_jax.inverse.problem.unknowns import (
+from ...scene.response import Frame
+from ...scene.scene import Scene, with_texels, without_texels
+from ...scene.setting_words import EdgeMode
+from ...tracer.geometry.camera import picture_place, pixel_step
+from ...tracer.pixels import Pixels
+from ...tracer.resolved_settings import ResolvedSettings
+from ...util.numerics import on_device
+from ..options import Stage
+from .linearize import Linearization, evaluate, linearize
+from .observation import Observation, nearest_power
+from .prediction import CameraModel, ForwardModel, PredictedPicture, forward_model
+from .stages import ObservationStage
+from .unknowns import (
     Image,
     Prior,
     Unknowns,
@@ -26,13 +33,6 @@ from raytrace_jax.inverse.problem.unknowns import (
     natural_scale,
     values_and_slopes,
 )
-from raytrace_jax.scene.response import Frame
-from raytrace_jax.scene.scene import Scene, with_texels, without_texels
-from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
-from raytrace_jax.tracer.pixels import Pixels
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import on_device
 
 
 @dataclasses.dataclass(frozen=True)

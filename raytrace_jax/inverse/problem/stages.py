@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.unknowns import Covariance, Image
+from .observation import Observation
+from .unknowns import Covariance, Image
 
 Matters = Bool[np.ndarray, "3 height width"]
 

@@ -13,13 +13,13 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.parameters import film_effects, resolve, scalar_names, set_parameters
-from raytrace_jax.scene.scene import Scene, world_length
-from raytrace_jax.scene.schema import Quantity
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import on_device
+from ...errors import ParameterError
+from ...scene.parameters import film_effects, resolve, scalar_names, set_parameters
+from ...scene.scene import Scene, world_length
+from ...scene.schema import Quantity
+from ...scene.setting_words import ModelName
+from ...util.compilation import jit
+from ...util.numerics import on_device
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 

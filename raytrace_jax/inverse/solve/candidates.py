@@ -9,15 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.judge.structure import EVIDENCE, vuong_evidence
-from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.observe.sampling import samples_of, supersampled
-from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.problem.unknowns import Image, Values, natural_scale
-from raytrace_jax.scene.parameters import Address, Block, material_of, resolve
-from raytrace_jax.scene.scene import Camera
-from raytrace_jax.tracer.geometry.camera import ray
-from raytrace_jax.util.compilation import jit
+from ...scene.parameters import Address, Block, material_of, resolve
+from ...scene.scene import Camera
+from ...tracer.geometry.camera import ray
+from ...util.compilation import jit
+from ..judge.structure import EVIDENCE, vuong_evidence
+from ..judge.uncertainty import Uncertainty
+from ..observe.sampling import samples_of, supersampled
+from ..problem.problem import FitState, Problem
+from ..problem.unknowns import Image, Values, natural_scale
 
 INDICES = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
 """Indices that are tried for a material that starts at 1 or above: from what is barely denser than air to diamond."""

@@ -5,12 +5,12 @@ import itertools
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.judge.uncertainty import LARGEST_ERROR, Uncertainty
-from raytrace_jax.inverse.problem.problem import FitState
-from raytrace_jax.inverse.result import PROFILE_95, Profile
-from raytrace_jax.inverse.solve.solvers import LevenbergMarquardt, levenberg_marquardt
-from raytrace_jax.inverse.solve.steps import Recorder
-from raytrace_jax.util.numerics import TINY
+from ...util.numerics import TINY
+from ..judge.uncertainty import LARGEST_ERROR, Uncertainty
+from ..problem.problem import FitState
+from ..result import PROFILE_95, Profile
+from .solvers import LevenbergMarquardt, levenberg_marquardt
+from .steps import Recorder
 
 
 def find_profile(

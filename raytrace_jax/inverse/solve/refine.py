@@ -8,17 +8,17 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax.inverse.judge.structure import EVIDENCE, explains
-from raytrace_jax.inverse.judge.uncertainty import noise_level
-from raytrace_jax.inverse.observe import sampling
-from raytrace_jax.inverse.observe.resampled import resampled
-from raytrace_jax.inverse.options import FitOptions, Stage
-from raytrace_jax.inverse.problem.linearize import LOSSES
-from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.problem.unknowns import Values, Vector
-from raytrace_jax.inverse.solve.solvers import GaussNewton, LevenbergMarquardt, levenberg_marquardt, minimise
-from raytrace_jax.inverse.solve.steps import LocalMinimum, Recorder
-from raytrace_jax.util.numerics import MAD_TO_SIGMA, finite_or_last
+from ...util.numerics import MAD_TO_SIGMA, finite_or_last
+from ..judge.structure import EVIDENCE, explains
+from ..judge.uncertainty import noise_level
+from ..observe import sampling
+from ..observe.resampled import resampled
+from ..options import FitOptions, Stage
+from ..problem.linearize import LOSSES
+from ..problem.problem import FitState, Problem
+from ..problem.unknowns import Values, Vector
+from .solvers import GaussNewton, LevenbergMarquardt, levenberg_marquardt, minimise
+from .steps import LocalMinimum, Recorder
 
 
 def select_solution(

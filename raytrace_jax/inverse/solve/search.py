@@ -9,19 +9,19 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from raytrace_jax.errors import PictureError, RaytraceWarning
-from raytrace_jax.images.filters import blurred
-from raytrace_jax.inverse.options import FitOptions, Stage
-from raytrace_jax.inverse.problem.prediction import develop_best
-from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.problem.unknowns import Values, Vector
-from raytrace_jax.inverse.solve.candidates import groups, table
-from raytrace_jax.inverse.solve.solvers import LevenbergMarquardt, levenberg_marquardt
-from raytrace_jax.inverse.solve.steps import LocalMinimum, Recorder
-from raytrace_jax.scene.response import FILM_EFFECTS
-from raytrace_jax.scene.scene import map_scenes
-from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.util.numerics import TINY, finite_or_last
+from ...errors import PictureError, RaytraceWarning
+from ...images.filters import blurred
+from ...scene.response import FILM_EFFECTS
+from ...scene.scene import map_scenes
+from ...scene.setting_words import EdgeMode
+from ...util.numerics import TINY, finite_or_last
+from ..options import FitOptions, Stage
+from ..problem.prediction import develop_best
+from ..problem.problem import FitState, Problem
+from ..problem.unknowns import Values, Vector
+from .candidates import groups, table
+from .solvers import LevenbergMarquardt, levenberg_marquardt
+from .steps import LocalMinimum, Recorder
 
 LEAST_SIGNAL = 0.3
 """A level is too coarse if its blur leaves less than this fraction of the residual that a solve starts from. With 0.15

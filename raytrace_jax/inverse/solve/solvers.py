@@ -11,14 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from raytrace_jax.errors import RaytraceWarning
-from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
-from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem.linearize import Linearization
-from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.problem.unknowns import Values, Vector
-from raytrace_jax.inverse.solve.steps import Record, project_gradient, shorten_step
-from raytrace_jax.util.numerics import TINY, on_device, solve_normal
+from ...errors import RaytraceWarning
+from ...util.numerics import TINY, on_device, solve_normal
+from ..judge.uncertainty import RANK_TOLERANCE
+from ..options import Stage
+from ..problem.linearize import Linearization
+from ..problem.problem import FitState, Problem
+from ..problem.unknowns import Values, Vector
+from .steps import Record, project_gradient, shorten_step
 
 
 def minimise(

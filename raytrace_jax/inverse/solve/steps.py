@@ -8,15 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from raytrace_jax.inverse.judge.assumptions import ModelCheck
-from raytrace_jax.inverse.judge.structure import explains, vuong_evidence
-from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.problem.linearize import Linearization
-from raytrace_jax.inverse.problem.problem import FitState, Problem
-from raytrace_jax.inverse.problem.unknowns import Image, Unknowns, Vector
-from raytrace_jax.inverse.result import FitStep, Minimum, Profile
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.util.numerics import on_device
+from ...scene.scene import Scene
+from ...util.numerics import on_device
+from ..judge.assumptions import ModelCheck
+from ..judge.structure import explains, vuong_evidence
+from ..judge.uncertainty import Uncertainty
+from ..problem.linearize import Linearization
+from ..problem.problem import FitState, Problem
+from ..problem.unknowns import Image, Unknowns, Vector
+from ..result import FitStep, Minimum, Profile
 
 Record = Callable[[float, bool, Vector], None]
 """A function that is called with (cost, accepted, unknowns) after each step."""

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogFormatter, MaxNLocator
 
-from raytrace_jax.inverse.result import ELLIPSE_95, PROFILE_95, FitResult, FitStep, Profile
-from raytrace_jax.report.fit_report.summary import correlation_text, level_labels, power_of_ten, typeset
-from raytrace_jax.report.panels import drawable
-from raytrace_jax.util.digits import value_and_error
+from ...inverse.result import ELLIPSE_95, PROFILE_95, FitResult, FitStep, Profile
+from ...util.digits import value_and_error
+from ..panels import drawable
+from .summary import correlation_text, level_labels, power_of_ten, typeset
 
 LINE, START, ESTIMATE, OTHERS = "#1f4e79", "#8a8a8a", "#f2b134", "#d9c7b8"
 

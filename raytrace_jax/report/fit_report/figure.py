@@ -13,11 +13,11 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.transforms import Bbox
 from PIL import Image
 
-from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.fit_report import curves
-from raytrace_jax.report.fit_report.summary import facts, typeset
-from raytrace_jax.report.panels import as_pixels, data_address, draw_signed_values, drawable, letter_panels, png_bytes
+from ...inverse.result import FitResult
+from ..films import screen_transfer
+from ..panels import as_pixels, data_address, draw_signed_values, drawable, letter_panels, png_bytes
+from . import curves
+from .summary import facts, typeset
 
 
 class ResidualMap(NamedTuple):

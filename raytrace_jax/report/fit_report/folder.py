@@ -5,16 +5,16 @@ from pathlib import Path
 
 import matplotlib
 
-from raytrace_jax.images.exr import write_exr
-from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.inverse.result_file import SCENE_FILE, save_record
-from raytrace_jax.report.films import how_made
-from raytrace_jax.report.fit_report.figure import draw_report
-from raytrace_jax.report.fit_report.methods import methods_text
-from raytrace_jax.report.fit_report.numbers import write_numbers
-from raytrace_jax.report.fit_report.page import render_page
-from raytrace_jax.report.fit_report.summary import csv_table, tex_table
-from raytrace_jax.util.files import atomic_write, read_bytes, write_text
+from ...images.exr import write_exr
+from ...inverse.result import FitResult
+from ...inverse.result_file import SCENE_FILE, save_record
+from ...util.files import atomic_write, read_bytes, write_text
+from ..films import how_made
+from .figure import draw_report
+from .methods import methods_text
+from .numbers import write_numbers
+from .page import render_page
+from .summary import csv_table, tex_table
 
 TEXTS = {"estimates.csv": csv_table, "estimates.tex": tex_table, "methods.txt": methods_text}
 

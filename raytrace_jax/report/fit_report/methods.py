@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax._version import __version__
-from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.fit_report.curves import winning_steps
-from raytrace_jax.report.fit_report.summary import facts, level_labels, number_text, place_words, typeset
-from raytrace_jax.report.panels import page_template
-from raytrace_jax.util.text import listed
+from ..._version import __version__
+from ...inverse.result import FitResult
+from ...util.text import listed
+from ..panels import page_template
+from .curves import winning_steps
+from .summary import facts, level_labels, number_text, place_words, typeset
 
 WORKS = {
     "program": "The raytrace_jax developers, raytrace_jax: a differentiable Whitted ray tracer in JAX, "

@@ -3,11 +3,11 @@
 import contextlib
 import os
 
-from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.inverse.result_file import FILE, SCENE_FILE
-from raytrace_jax.report.fit_report.summary import summarize
-from raytrace_jax.scene.writer import save_scene
-from raytrace_jax.util.files import as_path, json_text, write_text
+from ...inverse.result import FitResult
+from ...inverse.result_file import FILE, SCENE_FILE
+from ...scene.writer import save_scene
+from ...util.files import as_path, json_text, write_text
+from .summary import summarize
 
 REST = (FILE, "fit.exr", "residual.exr", "estimates.csv", "estimates.tex", "methods.txt")
 REST += ("report.png", "report.pdf", "report.html")

@@ -6,16 +6,16 @@ import re
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.inverse.judge.assumptions import WHAT_IF
-from raytrace_jax.inverse.judge.structure import EVIDENCE
-from raytrace_jax.inverse.result import FitResult, Minimum
-from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.fit_report import summary
-from raytrace_jax.report.fit_report.curves import corner_columns
-from raytrace_jax.report.fit_report.figure import COLOURS, Sheet, embed, residual_of
-from raytrace_jax.report.fit_report.methods import methods_text
-from raytrace_jax.report.fit_report.summary import facts, number_text, typeset
-from raytrace_jax.report.panels import SIGNED, as_pixels, page_template, signed_pixels
+from ...inverse.judge.assumptions import WHAT_IF
+from ...inverse.judge.structure import EVIDENCE
+from ...inverse.result import FitResult, Minimum
+from ..films import screen_transfer
+from ..panels import SIGNED, as_pixels, page_template, signed_pixels
+from . import summary
+from .curves import corner_columns
+from .figure import COLOURS, Sheet, embed, residual_of
+from .methods import methods_text
+from .summary import facts, number_text, typeset
 
 
 def provenance_rows(result: FitResult) -> list[tuple[str, str]]:

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from raytrace_jax._version import __version__
-from raytrace_jax.inverse.result import FitResult, FitStep
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.settings import MODEL_RULES
-from raytrace_jax.util.digits import value_and_error, with_error
-from raytrace_jax.util.files import strict
+from ..._version import __version__
+from ...inverse.result import FitResult, FitStep
+from ...tracer.resolved_settings import ResolvedSettings
+from ...tracer.settings import MODEL_RULES
+from ...util.digits import value_and_error, with_error
+from ...util.files import strict
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 

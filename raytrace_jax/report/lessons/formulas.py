@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from raytrace_jax import optics
-from raytrace_jax.optics import critical_angle, snell_angle, sphere_deviation
-from raytrace_jax.util.numerics import safe_sqrt
+from ... import optics
+from ...optics import critical_angle, snell_angle, sphere_deviation
+from ...util.numerics import safe_sqrt
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#0072b2", "#e69f00", "#009e73", "#c1121f", "#8b5a9f", "#666666"
 """Colours that people with any colour vision tell apart."""

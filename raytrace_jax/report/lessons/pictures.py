@@ -7,18 +7,18 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.report import LessonName
-from raytrace_jax.report.differences import correlation, finite_differences, relative_error
-from raytrace_jax.report.lessons import formulas
-from raytrace_jax.report.lessons.formulas import COLOURS, INDEX, finish, make_figure
-from raytrace_jax.report.panels import SIGNED, as_pixels, page_template, remove_ticks
-from raytrace_jax.scene.parameters import set_parameters
-from raytrace_jax.scene.reader import parse_scene
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.derivatives import picture_derivatives
-from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.settings import RenderSettings
+from ...images.filters import gaussian_blur
+from ...scene.parameters import set_parameters
+from ...scene.reader import parse_scene
+from ...scene.scene import Scene
+from ...tracer.derivatives import picture_derivatives
+from ...tracer.rendering import render
+from ...tracer.settings import RenderSettings
+from .. import LessonName
+from ..differences import correlation, finite_differences, relative_error
+from ..panels import SIGNED, as_pixels, page_template, remove_ticks
+from . import formulas
+from .formulas import COLOURS, INDEX, finish, make_figure
 
 
 def read_balls() -> Scene:

@@ -12,11 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.lens import undistorted_factor
-from raytrace_jax.scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Number, Rays, Scalars, Vectors
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import dot, normalize, per_ray
+from ...scene.lens import undistorted_factor
+from ...scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
+from ...util.numerics import dot, normalize, per_ray
+from ..resolved_settings import ResolvedSettings
+from .rays import NO_SHAPE, Beam, Footprint, Number, Rays, Scalars, Vectors
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 

@@ -5,12 +5,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.scene import least_distance
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Number, Rays, Scalars, Vectors, take
-from raytrace_jax.tracer.geometry.shape_types import fold_shapes
-from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType, hit_distance, surface_normal
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import materialize
+from ...scene.scene import least_distance
+from ...util.numerics import materialize
+from ..resolved_settings import ResolvedSettings
+from .rays import NO_SHAPE, Flags, Integers, Number, Rays, Scalars, Vectors, take
+from .shape_types import fold_shapes
+from .shapes import Shapes, ShapeType, hit_distance, surface_normal
 
 
 class Hits(eqx.Module):

@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.scene import Planes
-from raytrace_jax.tracer.geometry import shapes
-from raytrace_jax.tracer.geometry.rays import Axes, Flags, Number, Pairs, Rays, Scalars, Vector, Vectors
-from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
+from ...scene.scene import Planes
+from ...util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
+from ..resolved_settings import ResolvedSettings
+from . import shapes
+from .rays import Axes, Flags, Number, Pairs, Rays, Scalars, Vector, Vectors
+from .shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 
 LEVEL = 1e-6  # A plane whose normal leans less than this from the y axis is level: its texture lies along x.
 

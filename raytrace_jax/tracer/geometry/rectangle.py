@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.scene import Rectangles
-from raytrace_jax.tracer.geometry import shapes
-from raytrace_jax.tracer.geometry.plane import distance, flat_clearance, flat_hit, flat_section, see_flat
-from raytrace_jax.tracer.geometry.rays import Axes, Flags, Number, Pairs, Rays, Scalars, Vectors
-from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import dot, normalize
+from ...scene.scene import Rectangles
+from ...util.numerics import dot, normalize
+from ..resolved_settings import ResolvedSettings
+from . import shapes
+from .plane import distance, flat_clearance, flat_hit, flat_section, see_flat
+from .rays import Axes, Flags, Number, Pairs, Rays, Scalars, Vectors
+from .shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 
 
 def coefficients(rectangles: Rectangles) -> dict[str, Array]:

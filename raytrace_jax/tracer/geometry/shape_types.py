@@ -8,15 +8,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from raytrace_jax.scene.parameters import shape_blocks
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.table import BLOCK_TYPES
-from raytrace_jax.tracer.geometry.plane import PLANE
-from raytrace_jax.tracer.geometry.rays import UNROLL
-from raytrace_jax.tracer.geometry.rectangle import RECTANGLE
-from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
-from raytrace_jax.tracer.geometry.sphere import SPHERE
-from raytrace_jax.util.numerics import dot, select, unstacked, with_lower_ranks
+from ...scene.parameters import shape_blocks
+from ...scene.scene import Scene
+from ...scene.table import BLOCK_TYPES
+from ...util.numerics import dot, select, unstacked, with_lower_ranks
+from .plane import PLANE
+from .rays import UNROLL
+from .rectangle import RECTANGLE
+from .shapes import Shapes, ShapeType
+from .sphere import SPHERE
 
 SHAPE_TYPES: dict[str, ShapeType] = {"plane": PLANE, "sphere": SPHERE, "rectangle": RECTANGLE}
 """The types of shapes, by their keywords in a scene's file."""

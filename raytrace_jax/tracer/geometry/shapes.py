@@ -22,9 +22,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.geometry.rays import Axes, Flags, Pairs, Rays, Scalars, Vectors
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, is_zero, with_lower_ranks
+from ...util.numerics import TINY_32, away_from_zero, dot, is_zero, with_lower_ranks
+from ..resolved_settings import ResolvedSettings
+from .rays import Axes, Flags, Pairs, Rays, Scalars, Vectors
 
 LEAST_COS = 1e-6
 """A flat shape is not hit by a ray whose direction is closer than this to parallel (course model, 1.2)."""

@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from raytrace_jax.scene.scene import Spheres
-from raytrace_jax.tracer.geometry import shapes
-from raytrace_jax.tracer.geometry.rays import Flags, Number, Rays, Scalars, Vector, Vectors
-from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import dot, per_ray, safe_sqrt, vectors_to
+from ...scene.scene import Spheres
+from ...util.numerics import dot, per_ray, safe_sqrt, vectors_to
+from ..resolved_settings import ResolvedSettings
+from . import shapes
+from .rays import Flags, Number, Rays, Scalars, Vector, Vectors
+from .shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 
 
 class Chord(NamedTuple):

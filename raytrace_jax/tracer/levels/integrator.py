@@ -15,14 +15,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.scene.scene import Camera
-from raytrace_jax.tracer.geometry.camera import rays_through
-from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import PackedRays, Rays, Vectors, packed, unpacked
-from raytrace_jax.tracer.levels.level import MODELS, Scattering, trace_level
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.world import LINE_CHANNEL, World
-from raytrace_jax.util.numerics import materialize, only_if, repeat, select
+from ...scene.scene import Camera
+from ...util.numerics import materialize, only_if, repeat, select
+from ..geometry.camera import rays_through
+from ..geometry.intersection import Hits
+from ..geometry.rays import PackedRays, Rays, Vectors, packed, unpacked
+from ..resolved_settings import ResolvedSettings
+from ..world import LINE_CHANNEL, World
+from .level import MODELS, Scattering, trace_level
 
 T = TypeVar("T")
 

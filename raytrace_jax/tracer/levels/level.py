@@ -7,17 +7,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.optics import reflect, refract
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, intersect
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Flags, Footprint, Integers, Pairs, Rays, Scalars, take
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading import additive, classic, physical
-from raytrace_jax.tracer.shading.model import Children, Model, materials_at
-from raytrace_jax.tracer.visibility import footprints
-from raytrace_jax.tracer.visibility.look import look
-from raytrace_jax.tracer.world import World
-from raytrace_jax.util.numerics import dot, materialize, renormalize, select
+from ...optics import reflect, refract
+from ...scene.setting_words import ModelName
+from ...util.numerics import dot, materialize, renormalize, select
+from ..geometry.intersection import Hits, Nodes, intersect
+from ..geometry.rays import NO_SHAPE, Beam, Flags, Footprint, Integers, Pairs, Rays, Scalars, take
+from ..resolved_settings import ResolvedSettings
+from ..shading import additive, classic, physical
+from ..shading.model import Children, Model, materials_at
+from ..visibility import footprints
+from ..visibility.look import look
+from ..world import World
 
 MODELS: dict[ModelName, Model] = {"classic": classic.MODEL, "additive": additive.MODEL, "physical": physical.MODEL}
 """The models, by the names of `RenderSettings.model`: a new one is a file in `shading` and an entry here."""

@@ -14,15 +14,15 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from raytrace_jax.optics import reflect, refract
-from raytrace_jax.optics.fresnel import schlick_share
-from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors, take_column
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.model import Children, LightSample, Media, Model, black, light_fractions, over_lights
-from raytrace_jax.tracer.shading.quadrature import mean, positive_fractions, total_fraction
-from raytrace_jax.tracer.world import World
-from raytrace_jax.util.numerics import dot, per_ray, safe_normalize
+from ...optics import reflect, refract
+from ...optics.fresnel import schlick_share
+from ...util.numerics import dot, per_ray, safe_normalize
+from ..geometry.intersection import Hits, Nodes
+from ..geometry.rays import Flags, Rays, Scalars, Vectors, take_column
+from ..resolved_settings import ResolvedSettings
+from ..world import World
+from .model import Children, LightSample, Media, Model, black, light_fractions, over_lights
+from .quadrature import mean, positive_fractions, total_fraction
 
 
 class Surface(eqx.Module):

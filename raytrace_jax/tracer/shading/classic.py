@@ -10,16 +10,16 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from raytrace_jax.optics import AIR_IOR, reflect, refract
-from raytrace_jax.optics.fresnel import schlick_share
-from raytrace_jax.scene.scene import PointLights
-from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors, take_column
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.model import Children, LightSample, Media, Model, black, over_lights
-from raytrace_jax.tracer.shading.quadrature import mean, positive_fractions, total_fraction
-from raytrace_jax.tracer.world import World
-from raytrace_jax.util.numerics import any_nonzero, clamp01, dot, materialize
+from ...optics import AIR_IOR, reflect, refract
+from ...optics.fresnel import schlick_share
+from ...scene.scene import PointLights
+from ...util.numerics import any_nonzero, clamp01, dot, materialize
+from ..geometry.intersection import Hits, Nodes
+from ..geometry.rays import Flags, Rays, Scalars, Vectors, take_column
+from ..resolved_settings import ResolvedSettings
+from ..world import World
+from .model import Children, LightSample, Media, Model, black, over_lights
+from .quadrature import mean, positive_fractions, total_fraction
 
 
 class Surface(eqx.Module):

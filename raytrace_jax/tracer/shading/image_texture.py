@@ -14,10 +14,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.setting_words import TextureFilter, TextureWrap
-from raytrace_jax.tracer.geometry.rays import Axes, Integers, Pairs, Scalars, Vectors, take_column
-from raytrace_jax.tracer.shading.quadrature import mean, parts
-from raytrace_jax.util.numerics import TINY_32, clamp01, dot, instantiated, is_zero, with_lower_ranks
+from ...scene.setting_words import TextureFilter, TextureWrap
+from ...util.numerics import TINY_32, clamp01, dot, instantiated, is_zero, with_lower_ranks
+from ..geometry.rays import Axes, Integers, Pairs, Scalars, Vectors, take_column
+from .quadrature import mean, parts
 
 Wrap = tuple[TextureWrap, TextureWrap]  # What is beyond a picture's border, along u and along v.
 

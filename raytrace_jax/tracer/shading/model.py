@@ -15,16 +15,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.scene import PointLights
-from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import Axes, Flags, Integers, Number, Rays, Scalars, Vector, Vectors, take
-from raytrace_jax.tracer.geometry.shape_types import fold_shapes
-from raytrace_jax.tracer.geometry.shapes import ShapeType
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.quadrature import positive_fractions
-from raytrace_jax.tracer.shading.textures import texture_colors
-from raytrace_jax.tracer.world import World
-from raytrace_jax.util.numerics import dot, vectors_to
+from ...scene.scene import PointLights
+from ...util.numerics import dot, vectors_to
+from ..geometry.intersection import Hits
+from ..geometry.rays import Axes, Flags, Integers, Number, Rays, Scalars, Vector, Vectors, take
+from ..geometry.shape_types import fold_shapes
+from ..geometry.shapes import ShapeType
+from ..resolved_settings import ResolvedSettings
+from ..world import World
+from .quadrature import positive_fractions
+from .textures import texture_colors
 
 T = TypeVar("T")
 

@@ -23,20 +23,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from raytrace_jax.optics import reflect, refract
-from raytrace_jax.optics.fresnel import reflected_share
-from raytrace_jax.scene.scene import least_distance
-from raytrace_jax.scene.schema import NO_BLOCK
-from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Pairs, Rays, Scalars, Vectors, take_column
-from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
-from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.image_texture import environment_colors
-from raytrace_jax.tracer.shading.model import Children, LightSample, Media, Model, black, light_fractions, over_lights
-from raytrace_jax.tracer.shading.quadrature import mean
-from raytrace_jax.tracer.world import World
-from raytrace_jax.util.numerics import dot, dot_fixed, materialize, per_ray, vectors_to
+from ...optics import reflect, refract
+from ...optics.fresnel import reflected_share
+from ...scene.scene import least_distance
+from ...scene.schema import NO_BLOCK
+from ...util.numerics import dot, dot_fixed, materialize, per_ray, vectors_to
+from ..geometry.intersection import Hits, Nodes
+from ..geometry.rays import NO_SHAPE, Flags, Integers, Pairs, Rays, Scalars, Vectors, take_column
+from ..geometry.shape_types import SHAPE_TYPES, fold_shapes
+from ..geometry.shapes import Shapes, ShapeType
+from ..resolved_settings import ResolvedSettings
+from ..world import World
+from .image_texture import environment_colors
+from .model import Children, LightSample, Media, Model, black, light_fractions, over_lights
+from .quadrature import mean
 
 
 class Surface(eqx.Module):

@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.tracer.geometry.intersection import Nodes
-from raytrace_jax.tracer.geometry.rays import Scalars
-from raytrace_jax.util.numerics import clamp01, dot
+from ...util.numerics import clamp01, dot
+from ..geometry.intersection import Nodes
+from ..geometry.rays import Scalars
 
 
 def positive_fractions(values: Float[Array, "*nodes rays"]) -> Float[Array, "*nodes rays"]:

@@ -12,17 +12,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.parameters import blocks_of, material_of, shape_blocks
-from raytrace_jax.scene.scene import Checkers, Images, Scene
-from raytrace_jax.scene.schema import NO_BLOCK
-from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import Axes, Pairs, Scalars, Vectors, take
-from raytrace_jax.tracer.geometry.shape_types import present_types
-from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.shading.image_texture import Pyramid, image_colors, make_pyramid
-from raytrace_jax.tracer.shading.quadrature import parts
-from raytrace_jax.util.numerics import clamp01, dot, instantiated, is_zero, per_ray, select, with_lower_ranks
+from ...scene.parameters import blocks_of, material_of, shape_blocks
+from ...scene.scene import Checkers, Images, Scene
+from ...scene.schema import NO_BLOCK
+from ...scene.setting_words import EdgeMode
+from ...util.numerics import clamp01, dot, instantiated, is_zero, per_ray, select, with_lower_ranks
+from ..geometry.intersection import Hits
+from ..geometry.rays import Axes, Pairs, Scalars, Vectors, take
+from ..geometry.shape_types import present_types
+from ..geometry.shapes import Shapes
+from .image_texture import Pyramid, image_colors, make_pyramid
+from .quadrature import parts
 
 
 class Textures(eqx.Module):

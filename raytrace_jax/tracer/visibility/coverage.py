@@ -19,10 +19,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from raytrace_jax.tracer.geometry import shapes
-from raytrace_jax.tracer.geometry.rays import Flags, Pairs, Rays, Scalars
-from raytrace_jax.tracer.geometry.shapes import Approach, Edge, Shapes
-from raytrace_jax.util.numerics import TINY_32, dot, select
+from ...util.numerics import TINY_32, dot, select
+from ..geometry import shapes
+from ..geometry.rays import Flags, Pairs, Rays, Scalars
+from ..geometry.shapes import Approach, Edge, Shapes
 
 
 class SurfaceAhead(eqx.Module):

@@ -13,11 +13,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import Axes, Flags, Footprint, Number, Pairs, Rays, Scalars, Vectors
-from raytrace_jax.tracer.geometry.shapes import GRAZING, Shapes, surface_value
-from raytrace_jax.tracer.resolved_settings import SUBDIVISIONS, ResolvedSettings
-from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, safe_normalize
+from ...util.numerics import TINY_32, away_from_zero, dot, safe_normalize
+from ..geometry.intersection import Hits, Nodes
+from ..geometry.rays import Axes, Flags, Footprint, Number, Pairs, Rays, Scalars, Vectors
+from ..geometry.shapes import GRAZING, Shapes, surface_value
+from ..resolved_settings import SUBDIVISIONS, ResolvedSettings
 
 LEAST_SPREAD = 0.002
 """A ray is subdivided where its weight times the square of a spread, in radians, is more than this.

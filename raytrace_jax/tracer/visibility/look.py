@@ -38,15 +38,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from raytrace_jax.scene.scene import least_distance
-from raytrace_jax.tracer.geometry import shapes as surfaces
-from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Footprint, Integers, Number, Rays, Scalars, take
-from raytrace_jax.tracer.geometry.shape_types import Index, by_type, fold_shapes, present_types
-from raytrace_jax.tracer.geometry.shapes import GRAZING, Edge, Shapes, ShapeType, hit_distance
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.visibility import coverage
-from raytrace_jax.util.numerics import dot, materialize, safe_normalize, select, unstacked
+from ...scene.scene import least_distance
+from ...util.numerics import dot, materialize, safe_normalize, select, unstacked
+from ..geometry import shapes as surfaces
+from ..geometry.intersection import Hits, ends_in_time
+from ..geometry.rays import NO_SHAPE, Flags, Footprint, Integers, Number, Rays, Scalars, take
+from ..geometry.shape_types import Index, by_type, fold_shapes, present_types
+from ..geometry.shapes import GRAZING, Edge, Shapes, ShapeType, hit_distance
+from ..resolved_settings import ResolvedSettings
+from . import coverage
 
 
 class Nearest(eqx.Module):
