@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from .images.masks import read_mask as read_mask
     from .images.pictures import read_picture as read_picture
     from .images.png import write_png as write_png
-    from .inverse.error_bars import covariance as covariance
     from .inverse.estimate import fit as fit
     from .inverse.options import FitOptions as FitOptions
     from .inverse.residual_function import PictureResidual as PictureResidual
+    from .inverse.residual_function import covariance as covariance
     from .inverse.residual_function import make_residual as make_residual
     from .inverse.result import FitResult as FitResult
     from .report.films import write_derivatives as write_derivatives
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from .scene.reader import parse_scene as parse_scene
     from .scene.scene import Scene as Scene
     from .scene.writer import format_scene as format_scene
-    from .tracer.derivatives import picture_derivatives as picture_derivatives
     from .tracer.film import Film as Film
+    from .tracer.rendering import picture_derivatives as picture_derivatives
     from .tracer.rendering import render as render
     from .tracer.settings import RenderSettings as RenderSettings
     from .util.compilation import compiler_options as compiler_options

@@ -9,7 +9,7 @@ from physical_scenes import Camera, Checker, Light, Material, Rectangle, Scene, 
 
 from raytrace_jax import parse_scene
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import ResolvedSettings
 
 SIZE = (24, 18)
 BOUNCES = 5

@@ -34,7 +34,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 # In the numerical core every annotation of a shape or a type is checked at run time. Its modules at the edges answer
 # bad input with errors of their own instead. This must come before the package is imported.
 PACKAGE = Path(__file__).parents[1] / "raytrace_jax"
-EDGES = ("__init__", "error_bars", "options", "residual_function", "resolved_settings", "settings")
+EDGES = ("__init__", "error_bars", "options", "residual_function", "settings")
 EDGES += ("result", "result_file")
 CORE = [path for room in ("optics", "tracer", "inverse") for path in sorted((PACKAGE / room).rglob("*.py"))]
 CORE = [path for path in CORE if path.stem not in EDGES]

@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from raytrace_jax import FitResult, load_scene
-from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck
-from raytrace_jax.inverse.judge.structure import PairScores
+from raytrace_jax.inverse.judge.model_check import Assumption, Cause, ModelCheck
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.result import Ending, FitHistory, FitPictures, FitStep, Given, Minimum, Profile
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.inverse.result import FitStep, Minimum, Profile
+from raytrace_jax.tracer.settings import ResolvedSettings
 
 VITREOUS = Path(__file__).parent.parent / "data" / "vitreous.txt"
 NAMES = ("vitreous.ior", "vitreous.center.x", "vitreous.center.y", "vitreous.radius")
@@ -24,7 +23,10 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
     error = np.array([2.3e-4] * (len(names) - 1) + [np.inf])
     steps = ((0, 2.0, 0, 5.0, True), (0, 2.0, 1, 1.0, True), (1, 0.0, 0, 0.5, True), (1, 0.0, 1, 0.6, False))
     return FitResult(
-        ending=Ending(status, "The solver came to rest.", "Nothing needs to be done."),
+        status=status,
+        message="The solver came to rest.",
+        advice="Nothing needs to be done.",
+        at_bound=(),
         names=names,
         value=value,
         uncertainty=Uncertainty(
@@ -41,22 +43,21 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
         ),
         check=ModelCheck.nothing(len(names)),
         profiles=(),
-        given=Given(initial, ("unit of index",) * len(names)),
+        initial=initial,
+        units=("unit of index",) * len(names),
+        priors=(),
+        ties=(),
+        loss="l2",
+        target_samples=None,
         scene=load_scene(VITREOUS),
         settings=ResolvedSettings(size=shape[:0:-1]),
-        pictures=FitPictures(
-            target=target,
-            weights=np.ones(shape),
-            start=target[::-1],
-            estimate=np.clip(target + random.normal(scale=0.01, size=shape), 0, 1),
-            rms_residual=0.01,
-            typical_residual=0.01,
-        ),
-        history=FitHistory(
-            tuple(FitStep(0, *step, initial + (value - initial) * i / 3, 0.5 * i) for i, step in enumerate(steps)),
-            0,
-            (),
-        ),
+        target=target,
+        weights=np.ones(shape),
+        start_image=target[::-1],
+        image=np.clip(target + random.normal(scale=0.01, size=shape), 0, 1),
+        rms_residual=0.01,
+        typical_residual=0.01,
+        steps=tuple(FitStep(0, *step, initial + (value - initial) * i / 3, 0.5 * i) for i, step in enumerate(steps)),
     )
 
 
@@ -78,11 +79,10 @@ def full_result(shape=(3, 60, 80), names=NAMES):
     weights = np.ones(shape)
     weights[:, : shape[1] // 6, : shape[2] // 5] = 0
     return FitResult(
-        ending=Ending(
-            "ambiguous",
-            "The solver came to rest, but another minimum explains the target as well: its vitreous.ior is 1.71.",
-            "Give a prior on vitreous.ior, or a second picture from another side.",
-        ),
+        status="ambiguous",
+        message="The solver came to rest, but another minimum explains the target as well: its vitreous.ior is 1.71.",
+        advice="Give a prior on vitreous.ior, or a second picture from another side.",
+        at_bound=(),
         names=names,
         value=value,
         uncertainty=Uncertainty(
@@ -103,43 +103,36 @@ def full_result(shape=(3, 60, 80), names=NAMES):
                 Assumption("cyan.alpha", 0.4, 0.4, 0.0, np.resize([0.001, 0.003], count)),
             ),
             causes=(Cause("topright.location.x", "%", 0.073, "free it, or measure it", 0.02, 8.2),),
-            pairs=PairScores(1.0, 0.5),
             stated=0.29 * covariance,
             structure=0.2 * covariance,
+            is_structured=True,
         ),
         profiles=(profile(names, 0, value, error), profile(names, count - 1, value, error, one_sided=True)),
-        given=Given(
-            initial,
-            ("unit of index",) * count,
-            priors=((names[-1], 2.3, 0.05),),
-            ties=(("central.radius", names[-1]),),
-            loss="cauchy",
-            target_samples=8,
-        ),
+        initial=initial,
+        units=("unit of index",) * count,
+        priors=((names[-1], 2.3, 0.05),),
+        ties=(("central.radius", names[-1]),),
+        loss="cauchy",
+        target_samples=8,
         scene=load_scene(VITREOUS),
         settings=ResolvedSettings(size=shape[:0:-1], edges="aware"),
-        pictures=FitPictures(
-            target=target,
-            weights=weights,
-            start=np.roll(image, shape[2] // 12, axis=2),
-            estimate=image,
-            rms_residual=2.43 / 255,
-            typical_residual=2.4 / 255,
-            left_out=7,
-        ),
-        history=FitHistory(
-            steps=tuple(history(initial, value, random)),
-            candidate=0,
-            runner_ups=(
-                Minimum(2, value + np.resize([0.373, -0.11, 0.02, 0.21], count), 2.46 / 255, 3, True, 1.8),
-                Minimum(1, value + np.resize([-0.29, 0.4, -0.3, -0.5], count), 7.9 / 255, 0, False, 14.2),
-            ),
+        target=target,
+        weights=weights,
+        start_image=np.roll(image, shape[2] // 12, axis=2),
+        image=image,
+        rms_residual=2.43 / 255,
+        typical_residual=2.4 / 255,
+        left_out=7,
+        steps=tuple(history(initial, value, random)),
+        runner_ups=(
+            Minimum(2, value + np.resize([0.373, -0.11, 0.02, 0.21], count), 2.46 / 255, 3, True, 1.8),
+            Minimum(1, value + np.resize([-0.29, 0.4, -0.3, -0.5], count), 7.9 / 255, 0, False, 14.2),
         ),
     )
 
 
 def changed(result, **parts):
-    """A result with other values in some of its parts: `changed(result, pictures={"estimate": None}, loss="l2")`."""
+    """A result with other values in some of its parts: `changed(result, uncertainty={"sigma": 1.0}, loss="l2")`."""
     new = {
         name: dataclasses.replace(getattr(result, name), **part) if isinstance(part, dict) else part
         for name, part in parts.items()

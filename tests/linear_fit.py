@@ -11,13 +11,12 @@ from jaxtyping import Array, Float
 from scenes import numbers
 
 from raytrace_jax import Scene, parse_scene
-from raytrace_jax.inverse.observe.sampling import stages_of
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.prediction import ForwardModel, forward_model
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import Transform, Unknowns, make_prior
 from raytrace_jax.tracer.pixels import PixelDerivatives
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import ResolvedSettings
 
 
 class LinearScene(Scene):
@@ -93,4 +92,4 @@ def linear_problem(columns, target, *, start=None, scale=None, weights=None, pri
     free = count if free is None else free
     unknowns = Unknowns(linear_names(free), tuple(transforms or [Transform()] * free))
     prior = make_prior(priors or {}, unknowns, jnp.dtype(jnp.float64))
-    return Problem(scene, observe(target, weights, scene, settings), unknowns, prior, settings, stages_of(1))
+    return Problem(scene, observe(target, weights, scene, settings), unknowns, prior, settings, samples=1)

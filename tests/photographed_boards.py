@@ -5,9 +5,10 @@ from cv2 import aruco
 from PIL import Image
 from scipy import ndimage
 
-from raytrace_jax import RenderSettings, build, make_scene, render
-from raytrace_jax.photo.board_pattern import Pattern
-from raytrace_jax.photo.sight import Sight
+from raytrace_jax import PictureError, RenderSettings, build, make_scene, render
+from raytrace_jax.photo.boards import Pattern
+from raytrace_jax.photo.locate import locate_together
+from raytrace_jax.photo.sight import Projection
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
 
 SIZE = WIDTH, HEIGHT = 640, 480
@@ -64,9 +65,9 @@ def flat_picture(pattern, scale=2):
 
 def drawn(board, camera, pixels, balls=(), light=1.0):
     """How bright pixels are that a camera sees of a board in some light, and through the balls of set-ups."""
-    picture = np.nan_to_num(board.brightness(Sight(camera, SIZE).directly(pixels)[0]), nan=0.4) * light
+    picture = np.nan_to_num(board.brightness(Projection(camera, SIZE).directly(pixels).place), nan=0.4) * light
     for ball in balls:
-        seen = Sight(ball, SIZE).through(pixels)
+        seen = Projection(ball, SIZE).through(pixels)
         through = np.where(seen.valid, np.nan_to_num(board.brightness(seen.place), nan=0.4), 0.3)
         picture = np.where(seen.reach < 1, 0.85 * through, picture)
     return picture.reshape(HEIGHT, WIDTH)
@@ -76,3 +77,11 @@ def middles():
     """The middles of all pixels."""
     row, column = np.mgrid[:HEIGHT, :WIDTH].astype(float)
     return np.stack([column, row], -1).reshape(-1, 2)
+
+
+def locate(photograph, *known):
+    """What one photograph tells. Raises PictureError."""
+    (result,) = locate_together([photograph], *known).photographs
+    if result.reason:
+        raise PictureError(result.reason)
+    return result.located

@@ -2,7 +2,7 @@
 
 from raytrace_jax import FitOptions
 from raytrace_jax.inverse.build_problem import build_problem
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.settings import resolve_settings
 
 
 def posed(scene, target, free, settings=None, weights=None, **options):

@@ -11,7 +11,7 @@ import numpy as np
 from raytrace_jax import RenderSettings, list_parameters, load_scene, parse_scene, set_parameters
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step, rays_through
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.settings import resolve_settings
 
 DATA = Path(__file__).parent.parent / "data"
 

@@ -19,10 +19,10 @@ from raytrace_jax import load_scene, render
 from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import packed, unpacked
-from raytrace_jax.tracer.levels.integrator import compact
-from raytrace_jax.tracer.levels.level import trace_level
+from raytrace_jax.tracer.integrator import compact
+from raytrace_jax.tracer.level import trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.settings import resolve_settings
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 
@@ -44,10 +44,10 @@ def stage_milliseconds(rounds: int) -> dict[str, float]:
     chunks = all_chunks(scene, resolve_settings(scene, SETTINGS))
 
     def intersected(world, rays, live, _):
-        return intersect(world.shapes, rays, live, world.unit, settings)
+        return intersect(world.shapes, rays, live, world.unit)
 
     def shaded(world, rays, live, number):
-        return trace_level(world, rays, live, number, settings)
+        return trace_level(world, rays, live, number)
 
     def sent_on(world, rays, live, number):
         level = shaded(world, rays, live, number)
@@ -101,7 +101,7 @@ def all_chunks(scene, settings):
 
         def children(chunk):
             rays, live = chunk
-            level = trace_level(world, unpacked(rays), live, rays.number, settings.of_rays)
+            level = trace_level(world, unpacked(rays), live, rays.number)
             return compact([(wanted & live, child) for wanted, child in level.children], rays.number + 1)
 
         found, _, count = jax.lax.map(children, (waiting, live))

@@ -23,7 +23,7 @@ from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import write_film
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import picture_pixels, pixel_colors
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import ResolvedSettings
 
 COUNT = 200
 SETTINGS = ResolvedSettings(size=(320, 240))

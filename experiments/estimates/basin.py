@@ -74,7 +74,7 @@ def main() -> None:
         center_errors.append(np.max(error[1:]))
         print(
             f"| {number} | {' '.join(f'{x:.2f}' for x in start)} | {result.status} | {error[0]:.1e} "
-            f"| {np.max(error[1:]):.1e} | {1 + len(result.history.runner_ups)} | {len(result.history.steps)} "
+            f"| {np.max(error[1:]):.1e} | {1 + len(result.runner_ups)} | {len(result.steps)} "
             f"| {time.perf_counter() - began:.0f} |",
             flush=True,
         )

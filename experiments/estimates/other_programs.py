@@ -59,7 +59,7 @@ def main() -> None:
             print(
                 f"| {kind} | {name} | {result.status} | {error[0]:+.1e} | {np.max(np.abs(error[1:])):.1e} "
                 f"| {result.standard_error[0]:.1e}, {np.max(result.standard_error[1:]):.1e} "
-                f"| {1 + len(result.history.runner_ups)} | {time.perf_counter() - began:.0f} |",
+                f"| {1 + len(result.runner_ups)} | {time.perf_counter() - began:.0f} |",
                 flush=True,
             )
 

@@ -26,7 +26,7 @@ from raytrace_jax.photo.find_camera import calibrate  # noqa: E402
 from raytrace_jax.photo.flattened import flatten  # noqa: E402
 from raytrace_jax.photo.lens import read_lens, uncalibrated, write_lens  # noqa: E402
 from raytrace_jax.photo.locate import locate_together  # noqa: E402
-from raytrace_jax.photo.opinions import joined  # noqa: E402
+from raytrace_jax.photo.opinions import combine  # noqa: E402
 from raytrace_jax.photo.photograph import photograph_of  # noqa: E402
 from raytrace_jax.photo.room_scene import FREE, light_options, room_scene  # noqa: E402
 from raytrace_jax.util.digits import with_error  # noqa: E402
@@ -50,13 +50,16 @@ def run(number: int, case: str, folder: Path) -> dict:
     known = (radius, radius * share * np.sqrt(2))
     lens = uncalibrated() if case == "alone" else lens_of(truth["camera"], photographs[0].size, folder)
     together = locate_together(photographs, board, {"radius": known}, lens)
-    left_out = [str(one) for one in (*together.refused.values(), *together.bare.values())]
+    left_out = [result.reason for result in together.photographs if result.reason]
     if not together.located:
         return {"refused": left_out[0]}
-    located = next(iter(together.located.values()))
+    located = together.located[0]
     index, error = located.ior
     row = {"truth": truth["ior"], "index": index, "error": error, "scatter": located.sigma, "left_out": left_out}
-    row |= {"single": list(together.alone.values()), "fov": float(located.setup.fov - truth["fov"])}
+    row |= {
+        "single": [result.index_alone for result in together.photographs if result.located],
+        "fov": float(located.setup.camera.fov - truth["fov"]),
+    }
     row["corners"] = [len(located.direct.pixels), len(located.through.pixels)]
     if case == "fit":
         flat = flatten(images[0], located)
@@ -66,7 +69,7 @@ def run(number: int, case: str, folder: Path) -> dict:
         result = fit(room.scene, flat.image, FREE, settings, options=options, weights=flat.counts.astype(float))
         found = result["ball.ior"]
         row |= {"by_corners": (index, error), "index": found.value, "error": found.error, "status": result.status}
-        both = joined(located, room, result)
+        both = combine(located, room, result)
         row |= {"both": both.ior, "apart": both.apart, "causes": [cause.words for cause in result.check.causes]}
     return row | {"seconds": time.monotonic() - begun}
 

@@ -32,9 +32,9 @@ from rooms import SIZE, WHITE, board_of, rendered, room  # noqa: E402
 from raytrace_jax import RenderSettings, enable_compile_cache, fit, read_picture  # noqa: E402
 from raytrace_jax.photo import flattened  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
-from raytrace_jax.photo.geometry import AT  # noqa: E402
-from raytrace_jax.photo.locate import locate  # noqa: E402
-from raytrace_jax.photo.opinions import joined  # noqa: E402
+from raytrace_jax.photo.geometry import Camera, Setup  # noqa: E402
+from raytrace_jax.photo.locate import locate_together  # noqa: E402
+from raytrace_jax.photo.opinions import combine  # noqa: E402
 from raytrace_jax.photo.photograph import photograph_of  # noqa: E402
 from raytrace_jax.photo.room_scene import FREE, light_options, room_scene  # noqa: E402
 from raytrace_jax.util.digits import with_error  # noqa: E402
@@ -88,15 +88,17 @@ def truly(located, truth: dict):
     up, turn = np.cross(right, forward), np.radians(truth["roll"])
     right, up = np.cos(turn) * right + np.sin(turn) * up, np.cos(turn) * up - np.sin(turn) * right
     matrix = np.stack([right, -up, forward])
-    setup = located.setup._replace(
+    camera = Camera(
         rotation=Rotation.from_matrix(matrix).as_rotvec(),
         translation=-matrix @ eye / truth["print_scale"],
         fov=truth["fov"],
         distortion=np.array(truth["lens"][:2]),
         principal_offset=np.array(truth["lens"][2:]),
-        radius=truth["radius"] / truth["print_scale"],
     )
-    covariance, glass = np.zeros_like(located.covariance), np.ix_(AT.ball[:4], AT.ball[:4])
+    ball = dataclasses.replace(located.setup.glass, radius=truth["radius"] / truth["print_scale"])
+    setup = Setup(camera, ball)
+    told = setup.places("index", "center")
+    covariance, glass = np.zeros_like(located.covariance), np.ix_(told, told)
     covariance[glass] = located.covariance[glass]
     return dataclasses.replace(located, setup=setup, covariance=covariance)
 
@@ -109,7 +111,8 @@ def run(number: int, case: str, folder: Path) -> dict:
     radius = truth["radius"] * (1 + EXACT * np.random.default_rng(4000 + number).normal()) / truth["print_scale"]
     lens = lens_of(truth["camera"], SIZE, folder)
     known = {"radius": (radius, radius * EXACT * 2**0.5)}
-    located = locate(photograph_of(image, f"room {number}"), board, known, lens)
+    (photograph,) = locate_together([photograph_of(image, f"room {number}")], board, known, lens).photographs
+    located = photograph.located
     by_corners = located.ior
     made = pictures(truth, text, folder) if case in CASES[2:] else {}
     chain = Chain(**{**truth["chain"], "gains": tuple(truth["chain"]["gains"])})
@@ -138,7 +141,7 @@ def run(number: int, case: str, folder: Path) -> dict:
     options = light_options(scene)
     weights = flat.counts.astype(float)
     result = fit(scene.scene, flat.image, FREE, RenderSettings(crop=flat.grid.window), options=options, weights=weights)
-    found, both = result["ball.ior"], joined(located, scene, result)
+    found, both = result["ball.ior"], combine(located, scene, result)
     place = result.names.index("ball.ior")
     noise = float(np.sqrt(result.uncertainty.covariance[place, place]))
     return {

@@ -23,10 +23,10 @@ jax.config.update("jax_enable_x64", True)
 from raytrace_jax import enable_compile_cache  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
 from raytrace_jax.photo.bundle import CORNER_FLOOR, linearized, padded  # noqa: E402
-from raytrace_jax.photo.geometry import AT, COUNT, Setup  # noqa: E402
+from raytrace_jax.photo.geometry import LENS, Ball, Camera, Setup  # noqa: E402
 from raytrace_jax.photo.locate import LEAST_SQUARE  # noqa: E402
 from raytrace_jax.photo.photograph import Corners  # noqa: E402
-from raytrace_jax.photo.sight import Sight  # noqa: E402
+from raytrace_jax.photo.sight import Projection  # noqa: E402
 
 SIZE, FOV = (1600, 1200), 38.6
 INDICES = (1.35, 1.5, 1.65, 1.8)
@@ -39,7 +39,9 @@ SIDES = (-14.0, 3.0, 15.0)
 LENS_ERRORS = np.array([1.3e-3, 4.5e-4, 5e-3, 4e-5, 4e-5])
 """Of angle of view, k1, k2 and principal point, as a calibration from five pictures has them."""
 
-OWN, COMMON = np.hstack([AT.rotation, AT.translation, AT.center]), np.hstack([AT.lens, AT.ior, AT.radius])
+BEFORE = Setup(Camera(), Ball())
+OWN, COMMON = BEFORE.places("turn", "shift", "center"), [*LENS, *BEFORE.places("index", "radius")]
+COUNT = len(BEFORE.numbers)
 """Of a ball in air."""
 
 
@@ -54,12 +56,12 @@ def setup_of(index: float, radius: float, factor: float, side: float, width: flo
     right /= np.linalg.norm(right)
     turn = np.stack([right, np.cross(forward, right), forward])
     rotation, center = Rotation.from_matrix(turn).as_rotvec(), np.array([0.05 * width, 0.0, gap])
-    return Setup(rotation, -turn @ eye, FOV, np.zeros(2), np.zeros(2), index, center, radius)
+    return Setup(Camera(rotation, -turn @ eye, FOV), Ball(index, center, radius))
 
 
 def information(setup: Setup, board) -> tuple[np.ndarray, int]:
     """The precision of what is common that one photograph tells, whatever its own numbers are; places in the ball."""
-    sight = Sight(setup, SIZE)
+    sight = Projection(setup, SIZE)
     center, radius = sight.outline
     pixels = sight.where(board.corners)
     beside = np.linalg.norm(pixels - center, axis=1) > 1.05 * radius
@@ -69,7 +71,7 @@ def information(setup: Setup, board) -> tuple[np.ndarray, int]:
     visible &= stretch * board.square > LEAST_SQUARE
     groups = [(pixels[beside], board.corners[beside]), (at[visible], board.places[visible])]
     corners = [Corners(*group, np.zeros(len(group[0]))) for group in groups]
-    _, slopes = linearized(setup.vector, np.asarray(SIZE, float), *map(padded, corners))
+    _, slopes = linearized(setup, np.asarray(SIZE, float), *map(padded, corners))
     whole = np.zeros((COUNT, COUNT))
     for slope, group in zip(slopes, corners, strict=True):
         rows = np.asarray(slope)[: len(group.pixels)].reshape(-1, COUNT) / CORNER_FLOOR

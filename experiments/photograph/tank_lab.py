@@ -58,21 +58,20 @@ def run(number: int, folder: Path, wedge: float) -> dict:
     measured = {"thickness": (stated["thickness"] * share, spread["thickness"])}
     measured["wedge"] = (0.0, np.radians(wedge))
     if truth["wall"]:
-        measured |= {"wall": (stated["wall"] * share, spread["wall"]), "wall_ior": (truth["wall_ior"], 0.0)}
+        measured |= {"wall": (stated["wall"] * share, spread["wall"]), "wall_index": (truth["wall_ior"], 0.0)}
     lens, begun = lens_of(truth["camera"], photograph.size, folder), time.monotonic()
     try:
         together = locate_together([photograph], board, measured, lens)
-        located = together.located[0] if together.located else None
     except RaytraceError as refusal:
         return {"refused": str(refusal)}
-    if located is None:
-        return {"refused": str(together.refused[0])}
-    assert together.adjusted is not None, "a tank is found"
+    if together.adjusted is None:
+        return {"refused": together.photographs[0].reason}
+    (located,) = together.located
     index, error = located.ior
     corners = [len(located.direct.pixels), len(located.through.pixels)]
     return {
         "truth": truth["ior"], "index": index, "error": error, "parts": budget(together.adjusted).parts,
-        "wedge": np.degrees(located.setup.wedge).tolist(), "gap": float(located.setup.center[2]),
+        "wedge": np.degrees(located.setup.glass.wedge).tolist(), "gap": float(located.setup.glass.center[2]),
         "corners": corners, "scatter": located.sigma, "seconds": time.monotonic() - begun,
     }  # fmt: skip
 

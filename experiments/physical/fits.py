@@ -196,7 +196,7 @@ def run(name):
         "standard_error": found.standard_error.tolist(),
         "total_error": np.hypot(found.standard_error, found.systematic_error).tolist(),
         "grid": found.target_samples,
-        "rms": found.pictures.rms_residual,
+        "rms": found.rms_residual,
         "status": found.status,
         "message": found.message,
         "seconds": round(seconds, 1),

@@ -9,12 +9,13 @@ where the numbers are from.
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from raytrace_jax.photo.geometry import COUNT, Setup, misses
+from raytrace_jax.photo.geometry import LOST, Camera, Setup, Tank, inverse_of
 
 jax.config.update("jax_enable_x64", True)
 
@@ -51,7 +52,14 @@ def boards() -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     return found
 
 
-BOARDS, LOOK = boards(), jax.jit(misses)
+BOARDS = boards()
+
+
+@jax.jit
+def misses(setup: Setup, size, pixels, places):
+    """How far pixels are from where places of the board are seen: the error there, carried back by the local map."""
+    seen, inverse = setup.see(size, pixels), inverse_of(setup.local_map(size, pixels))
+    return jnp.where(seen.valid[:, None], jnp.einsum("nij,nj->ni", inverse, seen.place - places), LOST)
 
 
 def off(x: Float[np.ndarray, "9"], thickness: float, wall: float, pose: tuple[float, float]) -> np.ndarray:
@@ -60,22 +68,18 @@ def off(x: Float[np.ndarray, "9"], thickness: float, wall: float, pose: tuple[fl
     `x` is a turn in mrad and a shift in millimetres of the camera, the tank's tilt, and the index.
     """
     axes_of_all = Rotation.from_rotvec(1e-3 * x[:3]).as_matrix() @ TURN
-    nothing, rows = Setup.of(np.zeros(COUNT)), [x[:3] / (1e3 * pose[0]), x[3:6] / pose[1]]
+    rows = [x[:3] / (1e3 * pose[0]), x[3:6] / pose[1]]
     for axes, middle, places, pixels in BOARDS:
         # The tank's normal is towards the camera; in the board's frame its last component is 1.
         normal = axes.T @ axes_of_all.T @ np.array([x[6], x[7], -1.0])
-        setup = nothing._replace(
+        camera = Camera(
             rotation=Rotation.from_matrix(axes_of_all @ axes).as_rotvec(),
             translation=axes_of_all @ middle + SHIFT + x[3:6],
             fov=np.degrees(2 * np.arctan(SIZE[0] / (2 * FOCAL))),
             principal_offset=(PRINCIPAL - (SIZE - 1) / 2) / SIZE[0],
-            ior=x[8],
-            tilt=normal[:2] / normal[2],
-            thickness=thickness,
-            wall=wall,
-            wall_ior=1.5,
         )
-        rows.append(np.asarray(LOOK(setup, SIZE, pixels, places)).ravel())
+        tank = Tank(ior=x[8], tilt=normal[:2] / normal[2], thickness=thickness, wall=wall, wall_index=1.5)
+        rows.append(np.asarray(misses(Setup(camera, tank), SIZE, pixels, places)).ravel())
     return np.concatenate(rows[2:] + rows[:2])
 
 

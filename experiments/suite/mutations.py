@@ -45,7 +45,7 @@ MUTATIONS = {
         "tracer/shading/classic.py", "jnp.where(total, 1, reflectance)", "reflectance", "classic render"
     ),
     "highlight_before_clamp": Mutation(
-        "tracer/shading/classic.py", "return clamp01(color + surface.highlight)", "return color", "classic render"
+        "tracer/shading/classic.py", "return clamp01(color + self.highlight)", "return color", "classic render"
     ),
     "absorption_sign": Mutation("tracer/shading/physical.py", "jnp.exp(-jnp.where", "jnp.exp(jnp.where", "physical"),
     "nested_media": Mutation(
@@ -61,10 +61,10 @@ MUTATIONS = {
         "geometry classic",
     ),
     "packing_order": Mutation(
-        "tracer/levels/integrator.py", "rank - 1, wanted.size)", "rank, wanted.size)", "geometry render"
+        "tracer/integrator.py", "rank - 1, wanted.size)", "rank, wanted.size)", "geometry render"
     ),
     "queue_place": Mutation(
-        "tracer/levels/integrator.py", "jnp.minimum(tail + slot,", "jnp.minimum(tail + slot + 1,", "classic render"
+        "tracer/integrator.py", "jnp.minimum(tail + slot,", "jnp.minimum(tail + slot + 1,", "classic render"
     ),
     "edge_of_a_ball": Mutation(
         "tracer/geometry/sphere.py", "1) * (-1 / radius)", "1) * (1 / radius)", "visibility footprints"
@@ -76,7 +76,7 @@ MUTATIONS = {
     "cauchy_guard": Mutation(
         "inverse/problem/linearize.py", "large = squared > 1e-8", "large = squared > -1.0", "losses"
     ),
-    "bounded_reach": Mutation("inverse/solve/steps.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
+    "bounded_reach": Mutation("inverse/solve/solvers.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
     "vuong_squares": Mutation(
         "inverse/judge/structure.py",
         "other**2 - better**2",

@@ -16,9 +16,9 @@ from raytrace_jax import RenderSettings, load_scene, render, set_parameters
 from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.progress import Progress
 from raytrace_jax.inverse.solve import search as scanning
-from raytrace_jax.inverse.solve.steps import Recorder
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.settings import resolve_settings
 
 EXPERIMENTS = pathlib.Path(__file__).resolve().parent.parent
 SIGMA = 1 / 255
@@ -79,10 +79,10 @@ class Bench:
         """The target with noise."""
         return self.clean + np.random.default_rng(seed).normal(0, sigma, self.clean.shape)
 
-    def problem(self, scene, target: np.ndarray, options: FitOptions = FitOptions()) -> tuple[Problem, Recorder]:
+    def problem(self, scene, target: np.ndarray, options: FitOptions = FitOptions()) -> tuple[Problem, Progress]:
         """The problem, and who keeps its history."""
         problem = build_problem(scene, target, self.case.free, self.how, options).problem
-        return problem, Recorder(problem)
+        return problem, Progress(problem)
 
     @contextlib.contextmanager
     def remembering(self) -> Iterator[None]:

@@ -11,19 +11,19 @@ from scipy.ndimage import gaussian_filter
 
 from raytrace_jax import RenderSettings, load_scene, render, set_parameters
 from raytrace_jax.inverse.build_problem import build_problem
-from raytrace_jax.inverse.judge.assumptions import ModelCheck
+from raytrace_jax.inverse.judge.model_check import ModelCheck
 from raytrace_jax.inverse.judge.structure import explains
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import FitOptions, Stage
 from raytrace_jax.inverse.problem.problem import FitState
+from raytrace_jax.inverse.progress import Findings
 from raytrace_jax.inverse.solve.solvers import levenberg_marquardt
-from raytrace_jax.inverse.solve.steps import Findings
 from raytrace_jax.inverse.status import fit_status
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.settings import resolve_settings
 
 STATISTICS = "inverse"
 VARIED: list[tuple[str, tuple[Any, ...]]] = [
-    ("judge.structure:SQUARE", (2, 3, 6, 8)),
+    ("judge.structure:BLOCK", (2, 3, 6, 8)),
     ("judge.structure:NEGLIGIBLE", (0.005, 0.01, 0.04, 0.08)),
     ("judge.uncertainty:RANK_TOLERANCE", (1e-11, 1e-7)),
     ("judge.uncertainty:NULL_COMPONENT", (1e-5, 1e-1)),

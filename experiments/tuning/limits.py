@@ -8,7 +8,7 @@ from replacing import replaced
 
 from raytrace_jax import RenderSettings, load_scene, set_parameters
 from raytrace_jax.report.differences import finite_differences, relative_error
-from raytrace_jax.tracer.derivatives import picture_derivatives
+from raytrace_jax.tracer.rendering import picture_derivatives
 
 HEAD = ("scene", "step", "distance from the limit", "relative error with `HALVINGS` of 0, 1, 2, 4, 8")
 STEPS = (0.1, 0.01)

@@ -12,10 +12,10 @@ from replacing import replaced
 
 from raytrace_jax import RenderSettings, load_scene, render, set_parameters
 from raytrace_jax.report.differences import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.levels.integrator import RAYS_A_PLACE, Wavefront, trace
-from raytrace_jax.tracer.levels.level import trace_level
+from raytrace_jax.tracer.integrator import RAYS_A_PLACE, Wavefront, trace
+from raytrace_jax.tracer.level import trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.settings import resolve_settings
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import forget_programs, jit
 
@@ -47,7 +47,7 @@ CASES = {
 TRACED: dict[str, tuple[float, ...]] = {
     "tracer.geometry.shapes:FADE_COS": (0.4, 0.2, 0.8),
     "tracer.geometry.shapes:GRAZING": (1e-3, 1e-4, 1e-2),
-    "tracer.visibility.footprints:LEAST_SPREAD": (0.002, 0.0005, 0.001, 0.004, 0.008),
+    "tracer.geometry.footprints:LEAST_SPREAD": (0.002, 0.0005, 0.001, 0.004, 0.008),
 }
 """Numbers of which a program can be told while it runs, with their values, the usual one first."""
 
@@ -90,12 +90,12 @@ class Bench:
             def image(values):
                 moved = set_parameters(scene, {name: values[k] for k, name in enumerate(self.names)})
                 world = prepare_world(moved, self.settings)
-                front = Wavefront(world, moved.camera, padded, jnp.asarray(step), jnp.int32(pixels), self.settings)
+                front = Wavefront(world, moved.camera, padded, jnp.asarray(step), jnp.int32(pixels))
                 traced = trace(front)
                 return traced.color[:, :pixels].reshape(3, *self.size[::-1]), traced.traced
 
             # A jitted level would keep the numbers of its first trace.
-            plain = {"tracer.levels.integrator:trace_level": inspect.unwrap(trace_level)}
+            plain = {"tracer.integrator:trace_level": inspect.unwrap(trace_level)}
             with replaced({**numbers, **plain}):
                 return jax.jvp(image, (values,), (direction,), has_aux=True)
 
@@ -124,6 +124,6 @@ def rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
         for value in values:
             yield [name, f"`{address.split(':')[1]}`", f"{value:g}", *bench.row({address: value})]
     for value in SUBDIVISIONS:
-        with replaced({"tracer.resolved_settings:SUBDIVISIONS": value}):
+        with replaced({"tracer.settings:SUBDIVISIONS": value}):
             bench.prepare()
             yield [name, "`SUBDIVISIONS`", str(value), *bench.row({})]

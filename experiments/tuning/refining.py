@@ -16,8 +16,8 @@ from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.solve.refine import refine as solve
 
 BOX: list[tuple[str, dict[str, Any]]] = [
-    ("inverse.observe.sampling:COARSE_SAMPLES", {"3": 3, "4": 4}),
-    ("inverse.observe.sampling:LATTICES", {f"{n}": (n,) for n in (89, 233, 610, 1597)}),
+    ("inverse.problem.sampling:COARSE_SAMPLES", {"3": 3, "4": 4}),
+    ("inverse.problem.sampling:LATTICES", {f"{n}": (n,) for n in (89, 233, 610, 1597)}),
 ]
 """Numbers that matter to targets that are means over each pixel."""
 
@@ -40,9 +40,9 @@ def solved(bench: Bench, target: np.ndarray, number: int, edges, loss) -> tuple[
     start = bench.truth + NEAR * np.random.default_rng(number).choice([-1, 1], 4)
     sampling = "box" if edges == "aware" else "point"
     options = FitOptions(search=False, sigma=SIGMA, loss=loss, target_sampling=sampling)
-    problem, recorder = bench.problem(bench.scene_at(start), target, options)
-    solution = solve(problem, problem.start(), options, recorder)
-    return solution, quantify_uncertainty(solution, SIGMA), len(recorder.history), recorder
+    problem, progress = bench.problem(bench.scene_at(start), target, options)
+    solution = solve(problem, problem.start(), options, progress, progress.of_level(0, 0))
+    return solution, quantify_uncertainty(solution, SIGMA), len(progress.findings.steps), progress
 
 
 BOX_HEAD = ("scene", "number", "value", "error / bound", "steps", "fine rays a pixel")

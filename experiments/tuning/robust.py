@@ -12,17 +12,17 @@ from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.problem import FitState
+from raytrace_jax.inverse.progress import Progress
 from raytrace_jax.inverse.solve.refine import refine
-from raytrace_jax.inverse.solve.steps import Recorder
 
 
 def refined(bench: Bench, scene: Scene, target: np.ndarray, free: tuple[str, ...]) -> tuple[FitState, int]:
     """The solution that the Cauchy loss leads to, and the number of steps."""
     options = FitOptions(target_sampling="point")
     problem = build_problem(scene, target, free, bench.how, options).problem
-    recorder = Recorder(problem)
-    solution = refine(problem, problem.start(), options, recorder)
-    return solution, len(recorder.history)
+    progress = Progress(problem)
+    solution = refine(problem, problem.start(), options, progress, progress.of_level(0, 0))
+    return solution, len(progress.findings.steps)
 
 
 CURVATURE_HEAD = ("scene", "target", "least curvature", "error of index / bar without a bound", "bar / that of 0.05")

@@ -37,13 +37,13 @@ def outcome(bench: Bench, count: int) -> list[str]:
     """What searches from so many starts come to."""
     there = explained = minima = scanned = steps = 0
     for number, start in enumerate(bench.random_starts(count)):
-        problem, recorder = bench.problem(start, bench.noisy(number), FitOptions())
+        problem, progress = bench.problem(start, bench.noisy(number), FitOptions())
         phases: list[str] = []
-        recorder.on_phase = phases.append
-        found = find_minima(problem, choose_levels(problem, FitOptions()), "aware", True, recorder)
+        progress.on_phase = phases.append
+        found = find_minima(problem, choose_levels(problem, FitOptions()), FitOptions(), progress)
         there += problem.distance(found[0].summary.value, bench.truth) < NEAR_TRUTH
         explained += found[0].summary.explained
         minima += len(found)
         pictures = [int(phase.split()[1]) for phase in phases if phase.endswith("pictures")]
-        scanned, steps = scanned + max(pictures), steps + len(recorder.history)
+        scanned, steps = scanned + max(pictures), steps + len(progress.findings.steps)
     return [f"{there} of {count}", str(explained), str(minima), str(scanned), str(steps)]

@@ -1,14 +1,14 @@
 """The jobs of a plan, with all that determines their outcomes, their names and their labels."""
 
+import collections
 import dataclasses
 import functools
 import hashlib
-import itertools
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,13 +18,11 @@ from ..scene.parameters import set_parameters
 from ..scene.reader import parse_scene
 from ..scene.scene import Scene
 from ..scene.table import BLOCK_TYPES
-from ..tracer.resolved_settings import ResolvedSettings
-from ..tracer.settings import Precision
-from .plan import OPTIONS, BatchPlan, PlannedScene, Values
+from ..tracer.settings import Precision, ResolvedSettings
+from .plan import BatchPlan, JobKind, PlannedScene, Values
 
 TableCell = float | int | str | None
 Row = dict[str, TableCell]
-JobKind = Literal["render", "gradient", "fit"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,22 +58,12 @@ class Job:
 
 def expand(plan: BatchPlan) -> list[Job]:
     """All jobs of a plan: kind by kind, scene by scene, row by row, the last name of the grid running fastest."""
-    kinds: list[tuple[JobKind, dict[str, Any], list[tuple[dict[str, Any], str]]]] = []
-    if plan.render:
-        kinds.append(("render", {}, [({}, "")]))
-    if plan.gradient:
-        changes = {"edges": plan.gradient.edges, "aov": ()}
-        kinds.append(("gradient", changes, [({"wrt": list(plan.gradient.wrt)}, "")]))
-    if plan.fit:
-        kinds.append(("fit", {"edges": "point", "aov": ()}, list(_fits(plan))))
-    combinations = [dict(zip(plan.grid, values, strict=True)) for values in itertools.product(*plan.grid.values())]
-    rows = [{**plan.fixed, **row, **combination} for row in plan.rows for combination in combinations]
     return [
-        Job(kind, name, scene, values, dataclasses.replace(scene.settings, **changes), plan.precision, options, path)
-        for kind, changes, each in kinds
+        Job(kind, name, scene, values, dataclasses.replace(scene.settings, **changes), plan.precision, *task)
+        for kind, (changes, tasks) in plan.work.items()
         for name, scene in plan.scenes.items()
-        for values in rows
-        for options, path in each
+        for values in plan.rows
+        for task in tasks
     ]
 
 
@@ -83,21 +71,6 @@ def job_scene(job: Job, values: Values | None = None) -> Scene:
     """A job's scene with its values, or with other ones; float64 needs `jax_enable_x64`."""
     dtype = np.dtype(jnp.float64 if job.precision == 64 else jnp.float32)
     return set_parameters(_parsed(job.scene, dtype), job.values if values is None else values)
-
-
-def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
-    """For one scene and its values the options of each fit, and the path of its target's file."""
-    fit = plan.fit
-    assert fit is not None
-    common = {"free": list(fit.table.free), "start": dict(fit.start)}
-    common |= {name: getattr(fit.options, name) for name in OPTIONS}
-    # A rendered target takes the job's values, and the fit starts at the plan's; a file's fit starts at the job's.
-    rendered = [({"target_samples": fit.table.target_samples, "fixed": dict(plan.fixed)}, "")]
-    for target, path in fit.targets or rendered:
-        for sigma in fit.table.noise:
-            # Without noise a seed makes no difference.
-            for seed in fit.table.seeds if sigma > 0 else (None,):
-                yield {**common, **target, "noise": sigma, "seed": seed}, path
 
 
 @functools.lru_cache(maxsize=64)
@@ -116,34 +89,30 @@ COMPONENTS = {
 OF_NOISE, TOTAL = ".standard_error", ".total_error"  # Ends of the columns of an estimate's errors.
 
 
-def value_cells(job: Job) -> Row:
-    cells: Row = {}
+def job_cells(job: Job) -> Row:
+    """The cells of the table that say which job it is: its scene, its values, a fit's target."""
+    cells: Row = {"scene": job.scene_name}
     for name, value in job.values.items():
         if isinstance(value, tuple):
             components = COMPONENTS[name.rpartition(".")[2], len(value)]
             cells |= {f"{name}.{component}": number for component, number in zip(components, value, strict=True)}
         else:
             cells[name] = value
+    if job.kind == "fit":
+        names = {"target": "target_name", "noise": "noise", "seed": "seed"}
+        cells |= {column: job.options.get(name) for column, name in names.items()}
     return cells
-
-
-def target_cells(job: Job) -> Row:
-    if job.kind != "fit":
-        return {}
-    names = {"target_name": "target", "noise": "noise", "seed": "seed"}
-    return {column: job.options.get(name) for name, column in names.items()}
 
 
 def labelled(jobs: Sequence[Job]) -> list[Job]:
     """The jobs with their field `varied`: what is not the same in all jobs of the kind."""
-    rows = [{"scene": job.scene_name, **value_cells(job), **target_cells(job)} for job in jobs]
-    seen: dict[tuple[str, str], set[TableCell]] = {}
+    rows, distinct = [job_cells(job) for job in jobs], collections.defaultdict[tuple[str, str], set[TableCell]](set)
     for job, row in zip(jobs, rows, strict=True):
         for name, cell in row.items():
-            seen.setdefault((job.kind, name), set()).add(cell)
+            distinct[job.kind, name].add(cell)
 
     def varied(job: Job, row: Row) -> tuple[tuple[str, str], ...]:
-        return tuple((n, cell_text(c)) for n, c in row.items() if c is not None and len(seen[job.kind, n]) > 1)
+        return tuple((n, cell_text(c)) for n, c in row.items() if c is not None and len(distinct[job.kind, n]) > 1)
 
     return [dataclasses.replace(job, varied=varied(job, row)) for job, row in zip(jobs, rows, strict=True)]
 
@@ -158,4 +127,5 @@ def file_name(job: Job) -> str:
 
 
 def cell_text(cell: TableCell) -> str:
+    """A cell as people read it: six digits of a number."""
     return f"{cell:.6g}" if isinstance(cell, float) else str(cell)

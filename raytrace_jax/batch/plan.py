@@ -2,11 +2,12 @@
 
 import dataclasses
 import hashlib
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from ..errors import reworded
 from ..inverse.options import FitOptions
@@ -16,11 +17,14 @@ from ..scene.reader import load_scene
 from ..scene.scene import Scene, fingerprint
 from ..scene.setting_words import MAX_SAMPLES, EdgeMode
 from ..scene.writer import format_scene
-from ..tracer.resolved_settings import ResolvedSettings, resolve_settings
-from ..tracer.settings import Precision, RenderSettings
+from ..tracer.settings import Precision, RenderSettings, ResolvedSettings, resolve_settings
 from ..util.checked import Checked, Wanted, hints
 from ..util.files import read_bytes
 from .plan_file import RANGE, Keys, PlanError, PlanFile, Value, read_value, read_values, shown
+
+Values = Mapping[str, Value]  # Of parameters, by name.
+
+JobKind = Literal["render", "gradient", "fit"]
 
 
 class PlannedScene(NamedTuple):
@@ -57,11 +61,11 @@ class PlanScenes:
     def _of_scene(self, keys: Keys, which: str) -> Callable[[str], PlanError]:
         return lambda words: self.file.error(keys, f"{words.rstrip('.')} ({which}).")
 
-    def each(self, keys: Keys, attempt: Callable[[Scene], Any]) -> None:
+    def each(self, keys: Keys, attempt: Callable[..., Any], *arguments: Any) -> None:
         """Try something on every scene. Raises PlanError about the value in the plan where a parameter cannot be so."""
         for name, scene in self.by_name.items():
             with reworded(self._of_scene(keys, f"in {name}")):
-                attempt(scene)
+                attempt(scene, *arguments)
 
 
 # In a plan `target_samples` is of targets that it renders; a fit finds out by itself what it was.
@@ -87,43 +91,44 @@ class FitTable(Checked):
     """Of the noise."""
 
 
-@dataclasses.dataclass(frozen=True)
-class FitPlan:
-    table: FitTable
-    start: Mapping[str, Value]  # Where the search begins, for parameters that are not to begin at the scene's value.
-    targets: tuple[tuple[dict[str, str], str], ...]  # Names and SHA-256 of the files, as options, and their paths.
-    options: FitOptions
+Task = tuple[Mapping[str, Any], str]
+"""All that determines a job beside its scene, as plain values that JSON can hold, and the path of a fit's target."""
 
 
-def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
+def read_fit(file: PlanFile, scenes: PlanScenes, fixed: Values) -> list[Task]:
+    """The fits of one scene and its values, after a check of their table; `fixed` is the same in all jobs."""
     file.table(("fit",), known=(*hints(FitTable), "start", *OPTIONS))
     table, options = file.read(("fit",), FitTable, hints(FitTable)), file.read(("fit",), FitOptions, OPTIONS)
-    scenes.each(("fit", "free"), lambda scene: scalar_names(scene, table.free))
+    scenes.each(("fit", "free"), scalar_names, table.free)
     start = {}
     for name, (keys, value) in file.parameters(("fit", "start")).items():
         start[name] = read_value(file, keys, value)
-        scenes.each(keys, lambda scene, name=name: set_parameters(scene, {name: start[name]}))
+        scenes.each(keys, set_parameters, {name: start[name]})
     for option in ("ties", "priors"):
         for name, (keys, value) in file.parameters(("fit", option)).items():
-            for one in (name, value) if option == "ties" else (name,):
-                scenes.each(keys, lambda scene, name=one: scalar_names(scene, [name]))
+            for parameter in (name, value) if option == "ties" else (name,):
+                scenes.each(keys, scalar_names, [parameter])
     for name, (keys, amount) in file.parameters(("fit", "uncertain")).items():
-        scenes.each(
-            keys,
-            lambda scene, name=name, amount=amount: [
-                standard_deviation(scene, address, name, amount) for address in numbers_of(scene, name)
-            ],
-        )
+        scenes.each(keys, _standard_deviations, name, amount)
     targets = []
     for name in table.targets:
         path = file.path.parent.absolute() / name
         with reworded(lambda words: file.error(("fit", "targets"), f"{words}.")):
-            digest = hashlib.sha256(read_bytes(path)).hexdigest()
-        targets.append(({"target": digest, "target_name": name}, str(path)))
-    return FitPlan(table, start, tuple(targets), options)
+            targets.append(({"target": hashlib.sha256(read_bytes(path)).hexdigest(), "target_name": name}, str(path)))
+    common = {"free": list(table.free), "start": start, **{name: getattr(options, name) for name in OPTIONS}}
+    # A rendered target takes the job's values, and the fit starts at the plan's; a file's fit starts at the job's.
+    # Without noise a seed makes no difference.
+    return [
+        ({**common, **target, "noise": sigma, "seed": seed}, path)
+        for target, path in targets or [({"target_samples": table.target_samples, "fixed": fixed}, "")]
+        for sigma in table.noise
+        for seed in (table.seeds if sigma > 0 else (None,))
+    ]
 
 
-Values = Mapping[str, Value]  # Of parameters, by name.
+def _standard_deviations(scene: Scene, name: str, amount: Any) -> list[float]:
+    """Those of the numbers that a name stands for, where `amount` is stated of it."""
+    return [standard_deviation(scene, address, name, amount) for address in numbers_of(scene, name)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,16 +147,14 @@ class GradientPlan(Checked):
     edges: EdgeMode = "aware"
 
 
-@dataclasses.dataclass(frozen=True)
-class BatchPlan:
+class BatchPlan(NamedTuple):
+    """A plan file, read and checked."""
+
     scenes: Mapping[str, PlannedScene]  # By the names of their files in the plan.
     precision: Precision
-    fixed: Values  # The same in all jobs.
-    rows: tuple[Values, ...]  # Values that go together, one row at least.
-    grid: Mapping[str, tuple[Value, ...]]  # All values of each parameter; jobs are made of all combinations.
-    render: bool
-    gradient: GradientPlan | None
-    fit: FitPlan | None
+    rows: Sequence[Values]  # The values of a job; each scene is made with all of them.
+    work: Mapping[JobKind, tuple[dict[str, Any], Sequence[Task]]]
+    """By the kind of job the settings that it changes, and what is done with each scene and row."""
 
 
 def read_plan(path: Path) -> BatchPlan:
@@ -166,20 +169,19 @@ def read_plan(path: Path) -> BatchPlan:
     scenes = PlanScenes(file, head.scenes, file.read(("settings",), RenderSettings))
     names: list[str] = []
     fixed, rows, grid = (_columns(file, scenes, table, names) for table in ("set", "list", "grid"))
-    gradient = None
+    same = {name: value for name, (value,) in fixed.items()}
+    combinations = [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
+    work: dict[JobKind, tuple[dict[str, Any], Sequence[Task]]] = {}
+    if "render" in file.data:
+        work["render"] = {}, [({}, "")]
     if "gradient" in file.data:
         gradient = file.read(("gradient",), GradientPlan)
-        scenes.each(("gradient", "wrt"), lambda scene: scalar_names(scene, gradient.wrt))
-    return BatchPlan(
-        scenes=scenes.planned,
-        precision=head.precision,
-        fixed={name: value for name, (value,) in fixed.items()},
-        rows=_rows(file, rows),
-        grid=grid,
-        render="render" in file.data,
-        gradient=gradient,
-        fit=read_fit(file, scenes) if "fit" in file.data else None,
-    )
+        scenes.each(("gradient", "wrt"), scalar_names, gradient.wrt)
+        work["gradient"] = {"edges": gradient.edges, "aov": ()}, [({"wrt": list(gradient.wrt)}, "")]
+    if "fit" in file.data:
+        work["fit"] = {"edges": "point", "aov": ()}, read_fit(file, scenes, same)
+    values = [{**same, **row, **combination} for row in _rows(file, rows) for combination in combinations]
+    return BatchPlan(scenes.planned, head.precision, values, work)
 
 
 def _columns(file: PlanFile, scenes: PlanScenes, table: str, names: list[str]) -> dict[str, tuple[Value, ...]]:
@@ -187,14 +189,14 @@ def _columns(file: PlanFile, scenes: PlanScenes, table: str, names: list[str]) -
 
     No number may be named twice, wherever and under whatever name: the `names` so far are those of other tables, too.
     """
-    found = {}
-    for name, (keys, value) in file.parameters((table,), RANGE).items():
-        found[name] = (read_value(file, keys, value),) if table == "set" else read_values(file, keys, value)
-        for one in found[name]:
-            scenes.each(keys, lambda scene, name=name, one=one: set_parameters(scene, {name: one}))
+    columns = {}
+    for name, (keys, column) in file.parameters((table,), RANGE).items():
+        columns[name] = (read_value(file, keys, column),) if table == "set" else read_values(file, keys, column)
+        for value in columns[name]:
+            scenes.each(keys, set_parameters, {name: value})
         names.append(name)
-        scenes.each(keys, lambda scene: scalar_names(scene, names))
-    return found
+        scenes.each(keys, scalar_names, names)
+    return columns
 
 
 def _rows(file: PlanFile, columns: Mapping[str, tuple[Value, ...]]) -> tuple[Values, ...]:

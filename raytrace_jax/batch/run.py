@@ -1,9 +1,11 @@
-"""The run of a job, its files and its record."""
+"""The run of a job, its files and its record; and the processes of dask.distributed that run many."""
 
 import dataclasses
 import json
+import logging
+import signal
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -23,9 +25,9 @@ from ..report.films import write_derivatives, write_film
 from ..report.fit_report.summary import summarize
 from ..scene.parameters import set_parameters
 from ..scene.writer import save_scene
-from ..tracer.derivatives import picture_derivatives
-from ..tracer.rendering import render
-from ..util.files import atomic_write, json_text, read_bytes, write_text
+from ..tracer.rendering import picture_derivatives, render
+from ..util.files import atomic_write, json_text, read_bytes, strict, write_text
+from ..util.session import jax_session
 from .jobs import OF_NOISE, TOTAL, Job, file_name, job_scene
 from .plan import OPTIONS
 
@@ -38,9 +40,13 @@ class JobRecord:
 
     status: Literal["done", "failed", "missing"]
     message: str = ""
-    outputs: tuple[str, ...] = ()
+    outputs: Sequence[str] = ()
     results: Mapping[str, float | str | None] = field(default_factory=dict)
     seconds: float = 0.0
+
+
+MISSING = JobRecord("missing")
+"""What stands for the record of a job that has none."""
 
 
 def write_plan(folder: Path, plan: Path) -> None:
@@ -65,20 +71,19 @@ def read_record(folder: Path, job: Job) -> JobRecord | None:
         return None
     try:
         kept = json.loads(read_bytes(path))
-        outputs = tuple(kept["outputs"])
-        record = JobRecord(kept["status"], kept["message"], outputs, kept["results"], kept["seconds"])
+        record = JobRecord(*(kept[name] for name in ("status", "message", "outputs", "results", "seconds")))
     except (RaytraceError, ValueError, KeyError, TypeError):
         return None
-    return record if all((folder / output).exists() for output in outputs) else None
+    return record if all((folder / output).exists() for output in record.outputs) else None
 
 
 def is_done(folder: Path, job: Job) -> bool:
     """Whether a job need not run again; one that failed is tried again."""
-    record = read_record(folder, job)
-    return record is not None and record.status == "done"
+    return (read_record(folder, job) or MISSING).status == "done"
 
 
 def other_records(folder: Path, jobs: Iterable[Job]) -> int:
+    """The number of records in a batch's folder that are of none of the jobs."""
     mine = {job.name for job in jobs}
     return sum(path.stem not in mine for path in (folder / FOLDER).glob("[!.]*.json"))
 
@@ -115,20 +120,15 @@ def _fit(job: Job, folder: Path) -> Outcome:
     return [numbers, fitted], _estimates(result)
 
 
-def _estimates(result: FitResult) -> dict[str, float | str | None]:
+def _estimates(result: FitResult) -> dict[str, Any]:
     """The numbers of the table; None for what is infinite or not a number."""
-
-    def finite(number: float) -> float | None:
-        return float(number) if np.isfinite(number) else None
-
-    causes = "; ".join(cause.words for cause in result.check.causes)
-    numbers = {"fit.status": result.status, "fit.causes": causes or None}
-    numbers["fit.rms_residual"] = finite(result.pictures.rms_residual)
-    rows = zip(result.names, result.value, result.standard_error, result.total_error, strict=True)
-    for name, value, of_noise, error in rows:
-        numbers |= {f"fit.{name}": finite(value), f"fit.{name}{OF_NOISE}": finite(of_noise)}
-        numbers[f"fit.{name}{TOTAL}"] = finite(error)
-    return numbers
+    numbers: dict[str, Any] = {"fit.status": result.status}
+    numbers["fit.causes"] = "; ".join(cause.words for cause in result.check.causes) or None
+    numbers["fit.rms_residual"] = result.rms_residual
+    for row in result.parameters.values():
+        errors = {f"fit.{row.name}{OF_NOISE}": row.standard_error, f"fit.{row.name}{TOTAL}": row.error}
+        numbers |= {f"fit.{row.name}": row.value, **errors}
+    return {name: strict(value) for name, value in numbers.items()}
 
 
 def run_job(job: Job, folder: Path) -> JobRecord:
@@ -170,3 +170,75 @@ def run_and_record(job: Job, folder: Path) -> JobRecord:
     record = dataclasses.replace(record, seconds=time.perf_counter() - began)
     write_record(folder, job, record)
     return record
+
+
+SECONDS_TO_CONNECT = 30
+SECONDS_BETWEEN_LOOKS = 0.2
+
+OnDone = Callable[[Job, JobRecord], None]
+
+
+def run_on_workers(
+    jobs: Sequence[Job], folder: Path, workers: int | None, scheduler: str | None, on_done: OnDone
+) -> None:
+    """Run jobs on so many `workers` here, or on those of a `scheduler`, by its address, which see the folder too.
+
+    A job whose worker dies goes to another one; one that kills its worker again and again is recorded as failed.
+
+    Raises:
+        RaytraceError: no scheduler answers at the address or it goes away, a record cannot be written.
+    """
+    with _client(workers, scheduler) as client:
+        # Dask suspects all that waited at a worker that died; alone, only those that kill it are left.
+        for job in _share_out(client, _share_out(client, jobs, folder, on_done), folder, on_done):
+            record = JobRecord(
+                "failed", "the process that ran it died, each time it was tried: is there enough memory?"
+            )
+            write_record(folder, job, record)
+            on_done(job, record)
+
+
+def dask_setup(worker: object) -> None:
+    """Called by dask in each worker that it starts here: Ctrl-C reaches it too, but it is the command that stops."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _work(job: Job, folder: Path) -> None:
+    with jax_session(64, devices=1):
+        run_and_record(job, folder)
+
+
+def _share_out(client: Any, jobs: Sequence[Job], folder: Path, on_done: OnDone) -> list[Job]:
+    """Run jobs on the workers; return those that dask gave up, since their workers died."""
+    from distributed import KilledWorker
+
+    futures = client.map(_work, jobs, folder=folder, pure=False)
+    waiting, given_up = dict(enumerate(futures)), []
+    while waiting:
+        time.sleep(SECONDS_BETWEEN_LOOKS)
+        for number in [number for number, future in waiting.items() if future.status != "pending"]:
+            future, job = waiting.pop(number), jobs[number]
+            if future.status in ("cancelled", "lost"):
+                raise RaytraceError("the scheduler or its workers are gone; the same command goes on where they were.")
+            error = future.exception() if future.status == "error" else None
+            if isinstance(error, KilledWorker):
+                given_up.append(job)
+            elif error is not None:
+                raise RaytraceError(f"a worker failed: {one_sentence(error)}")
+            elif record := read_record(folder, job):
+                on_done(job, record)
+    return given_up
+
+
+def _client(workers: int | None, scheduler: str | None) -> Any:
+    """The client of a scheduler, or of one that dask starts here with so many workers and ends with the client."""
+    from distributed import Client
+
+    # Without a limit on memory: dask would pause and kill workers by how much they hold, which XLA decides.
+    here = {"n_workers": workers, "threads_per_worker": 1, "preload": [__name__], "memory_limit": 0}
+    here |= {"dashboard_address": None, "silence_logs": logging.CRITICAL}
+    try:
+        return Client(scheduler, timeout=SECONDS_TO_CONNECT, **({} if scheduler else here))
+    except (OSError, ValueError) as reason:
+        option = f"--scheduler {scheduler}" if scheduler else f"--workers {workers}"
+        raise RaytraceError(f"{option}: {one_sentence(reason)}") from None

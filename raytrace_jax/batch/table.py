@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
@@ -10,8 +11,8 @@ from urllib.parse import quote
 from ..report.panels import page_template
 from ..util.digits import with_error
 from ..util.files import write_text
-from .jobs import OF_NOISE, TOTAL, Job, Row, cell_text, target_cells, value_cells
-from .run import JobRecord, read_record
+from .jobs import OF_NOISE, TOTAL, Job, Row, cell_text, job_cells
+from .run import MISSING, JobRecord, read_record
 
 CSV, PAGE = "results.csv", "index.html"
 
@@ -19,18 +20,16 @@ CSV, PAGE = "results.csv", "index.html"
 def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
     """The rows, all with the same columns; a cell that means nothing for its job is None.
 
-    The columns are in blocks: which job it is, its values, its target, how it ended, its results, its files.
+    The columns are in blocks: which job it is, how it ended, its results, its files.
     """
     rows: list[tuple[Row, ...]] = []
     for job in jobs:
-        record = read_record(folder, job) or JobRecord("missing")
-        about: Row = {"job": job.name, "kind": job.kind, "scene": job.scene_name}
+        record = read_record(folder, job) or MISSING
         ended: Row = {"status": record.status, "message": record.message or None}
         files: Row = {"file": next(iter(record.outputs), None)}
-        rows.append((about, value_cells(job), target_cells(job), ended, dict(record.results), files))
+        rows.append(({"job": job.name, "kind": job.kind}, job_cells(job), ended, dict(record.results), files))
     columns = dict.fromkeys(name for blocks in zip(*rows, strict=True) for block in blocks for name in block)
-    flat = [{name: cell for block in blocks for name, cell in block.items()} for blocks in rows]
-    return [{name: row.get(name) for name in columns} for row in flat]
+    return [{name: cells.get(name) for name in columns} for cells in (ChainMap(*blocks) for blocks in rows)]
 
 
 def write_table(rows: Sequence[Row], folder: Path) -> Path:
@@ -51,11 +50,11 @@ def remove_tables(folder: Path) -> None:
 
 def write_overview(jobs: Sequence[Job], folder: Path) -> Path:
     """Write the page of all jobs; return its path."""
-    ended = [(job, read_record(folder, job) or JobRecord("missing")) for job in jobs]
+    ended = [(job, read_record(folder, job) or MISSING) for job in jobs]
     kinds = dict.fromkeys(job.kind for job in jobs)
     tables = [_table(kind, [(job, record) for job, record in ended if job.kind == kind]) for kind in kinds]
     failed = sum(record.status != "done" for _, record in ended)
-    page = page_template("raytrace_jax.batch", "index.html.jinja")
+    page = page_template("batch/index.html.jinja")
     write_text(folder / PAGE, page.render(tables=tables, count=len(jobs), failed=failed))
     return folder / PAGE
 
@@ -65,9 +64,8 @@ def _table(kind: str, jobs: Sequence[tuple[Job, JobRecord]]) -> dict[str, object
     results = [_results(record.results) for _, record in jobs]
     varied = list(dict.fromkeys(name for job, _ in jobs for name, _ in job.varied))
     found = list(dict.fromkeys(name for row in results for name in row))
-    first = jobs[0][0]
-    cells = {"scene": first.scene_name, **value_cells(first), **target_cells(first)}
-    fixed = [(name, cell_text(cell)) for name, cell in cells.items() if cell is not None and name not in varied]
+    cells = job_cells(jobs[0][0]).items()
+    fixed = [(name, cell_text(cell)) for name, cell in cells if cell is not None and name not in varied]
     rows = []
     for (job, record), result in zip(jobs, results, strict=True):
         files = [(quote(path), Path(path)) for path in record.outputs]
@@ -87,13 +85,12 @@ def _table(kind: str, jobs: Sequence[tuple[Job, JobRecord]]) -> dict[str, object
 
 
 def _results(results: Mapping[str, float | str | None]) -> dict[str, str]:
+    """The cells of a job's results, estimates with their errors."""
     texts = {}
     for name, value in results.items():
-        if name.endswith((OF_NOISE, TOTAL)):
-            continue
         if isinstance(value, float) and name + TOTAL in results:
-            sigma = results[name + TOTAL]
-            texts[name] = with_error(value, sigma if isinstance(sigma, float) else math.nan)
-        else:
+            error = results[name + TOTAL]
+            texts[name] = with_error(value, error if isinstance(error, float) else math.nan)
+        elif not name.endswith((OF_NOISE, TOTAL)):
             texts[name] = "" if value is None else cell_text(value)
     return texts

@@ -30,16 +30,18 @@ def blamed_on(options: str = "") -> AbstractContextManager[None]:
     return reworded(by_its_name, (SettingsError, ParameterError))
 
 
-def stderr_console(*, quiet: bool = False) -> Console:
+def stderr_console(quiet: bool = False) -> Console:
     """A console on the stderr of this moment; it takes text as it is, without markup or colouring of its own."""
     return Console(stderr=True, markup=False, highlight=False, soft_wrap=True, quiet=quiet)
 
 
 def print_error(message: str) -> None:
+    """Print an error to stderr, in colour on a terminal."""
     stderr_console().print(Text.assemble(("error: ", "bold red"), message))
 
 
 def print_warning(message: str) -> None:
+    """Print a warning to stderr, in colour on a terminal."""
     stderr_console().print(Text.assemble(("warning: ", "bold yellow"), message))
 
 

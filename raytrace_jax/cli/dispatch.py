@@ -3,6 +3,7 @@
 Exit codes: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 stopped.
 """
 
+import argparse
 import contextlib
 import functools
 import importlib
@@ -37,16 +38,18 @@ class Entry(NamedTuple):
 
     options: type
     module: str
+    devices: int | None = None  # Of JAX; None is one for each core.
 
 
 COMMANDS = {
-    "render": Entry(scenes.Render, "render"),
+    "render": Entry(scenes.Render, "scenes"),
     "grad": Entry(scenes.Grad, "pictures"),
     "fit": Entry(fits.Fit, "fit"),
     "gallery": Entry(scenes.Gallery, "pictures"),
     "rays": Entry(scenes.Rays, "explain"),
     "sweep": Entry(scenes.Sweep, "pictures"),
-    "batch": Entry(fits.Batch, "batch"),
+    # One core a job: its numbers, to the last bit, do not depend on how many cores there are.
+    "batch": Entry(fits.Batch, "batch", devices=1),
     "view": Entry(scenes.View, "explain"),
     "board": Entry(fits.Board, "board"),
     "calibrate": Entry(fits.Calibrate, "photo"),
@@ -68,17 +71,15 @@ def with_config(arguments: Sequence[str]) -> list[str]:
     A key of the file is an option without its dashes: `max-steps = 80`, `free = ["glass.ior"]`, `search = false` for
     `--no-search`, `size = [320, 240]`. A table gives `NAME=VALUE` to an option: `[define]` with `"glass.ior" = 1.5`.
     """
-    arguments = [
-        word for given in arguments for word in (given.split("=", 1) if given.startswith("--config=") else [given])
-    ]
-    if "--config" not in arguments:
-        return arguments
-    place = arguments.index("--config")
-    others = [*arguments[:place], *arguments[place + 2 :]]
-    if "--config" in others or place + 1 == len(arguments):
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--config", nargs="?", action="append", type=Path, default=[])
+    given, others = parser.parse_known_args(arguments)
+    if not given.config:
+        return others
+    if len(given.config) > 1 or None in given.config:
         raise UsageError("--config takes one file, once.")
-    found = []
-    for key, value in read_toml(Path(arguments[place + 1])).items():
+    options = []
+    for key, value in read_toml(given.config[0]).items():
         name = key.replace("_", "-")
         spellings, short = (f"--{name}", f"--no-{name}"), {"define": ("-D",), "output": ("-o",)}.get(name, ())
         if any(word.partition("=")[0] in spellings or word.startswith(short) for word in others):
@@ -87,8 +88,8 @@ def with_config(arguments: Sequence[str]) -> list[str]:
             texts = [f"{k}={','.join(_texts(v))}" for k, v in value.items()]
         else:
             texts = [] if isinstance(value, bool) else _texts(value)
-        found += [f"--no-{name}" if value is False else f"--{name}", *texts]
-    return others + found
+        options += [f"--no-{name}" if value is False else f"--{name}", *texts]
+    return others + options
 
 
 def _texts(value: object) -> list[str]:
@@ -179,14 +180,17 @@ def _run(arguments: Sequence[str]) -> int:
         text = re.sub(r"\[bold\](.*?)\[/bold\](.*)│", rf"\1\2{' ' * 13}│", refusal.getvalue())
         sys.stderr.write(text)
         return stop.code if isinstance(stop.code, int) else 0 if stop.code is None else USAGE
-    name, module = next((name, entry.module) for name, entry in COMMANDS.items() if type(command) is entry.options)
+    name, entry = next((name, entry) for name, entry in COMMANDS.items() if type(command) is entry.options)
     _check_files(command)
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = show_warning
         # Imported here, since most of a command's imports start with JAX: seconds that --help need not wait.
-        actions = importlib.import_module(f".actions.{module}", __package__)
-        return getattr(actions, f"run_{name}")(command) or 0
+        from ..util.session import jax_session
+
+        actions = importlib.import_module(f".actions.{entry.module}", __package__)
+        with jax_session(command.render.precision if hasattr(command, "render") else 64, entry.devices):
+            return getattr(actions, f"run_{name}")(command) or 0
 
 
 def _commands(named: bool) -> Any:

@@ -10,11 +10,11 @@ from typing import Any
 from ..errors import ParameterError, RaytraceError
 from ..scene.bundled import scene_folder
 from ..scene.checks import scene_warnings
-from ..scene.parameters import parse_assignment, scalar_names, set_parameters, shared_with, with_film
+from ..scene.parameters import parse_assignment, scalar_names, set_parameters, shared_with, with_response
 from ..scene.reader import load_scene, parse_scene
 from ..scene.scene import Scene
 from ..scene.setting_words import ModelName
-from ..tracer.resolved_settings import ResolvedSettings, resolve_settings
+from ..tracer.settings import ResolvedSettings, resolve_settings
 from ..util.files import write_failure
 from ..util.text import listed
 from .console import UsageError, blamed_on, print_warning
@@ -34,7 +34,7 @@ def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | 
         if name in values:
             raise ParameterError(f"-D {name} is given twice.")
         values[name] = numbers
-    scene = with_film(scene, values)
+    scene = with_response(scene, values)
     warn_of_shared_materials(scene, tuple(values))
     return set_parameters(scene, values)
 
@@ -66,6 +66,7 @@ def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
 
 
 def check_single(scene: Scene, name: str, option: str) -> None:
+    """Raise UsageError where a name that an option takes means several numbers."""
     numbers = scalar_names(scene, [name])
     if numbers != (name,):
         raise UsageError(f"{option}: {name} is a vector; take one of its numbers: {', '.join(numbers)}.")
@@ -80,6 +81,7 @@ def check_picture_path(path: Path, suffixes: tuple[str, ...] = (".exr", ".png"),
 
 
 def check_file(path: Path) -> None:
+    """Raise RaytraceError where a file cannot be written: it is a folder, or its own folder is not there."""
     if path.is_dir():
         raise RaytraceError(f"{path}: cannot be written: it is a folder, and the name of a file is wanted.")
     check_folder(path.parent)

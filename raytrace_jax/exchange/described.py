@@ -8,18 +8,26 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
+from numpy.linalg import norm
 
 from ..errors import SceneError
 from ..scene import build
 from ..scene.parameters import Block, blocks_of, material_of, shape_blocks
-from ..scene.response import FILM_EFFECTS, without_idle
-from ..scene.rows import Description
+from ..scene.response import active_effects, without_idle
+from ..scene.rows import Description, describe
 from ..scene.scene import PerspectiveCamera, Scene
 from ..scene.slabs import with_planes
 from ..tracer.geometry.camera import pixel_step, ray
 from ..tracer.geometry.plane import LEVEL
-from ..tracer.resolved_settings import ResolvedSettings
+from ..tracer.settings import ResolvedSettings
 from .media import PARALLEL, surface_media
+
+Vector = Float[np.ndarray, "3"]
+Triple = tuple[float, ...]
+Colour = Vector | Triple
+
+MATERIAL_FIELDS = ("diffuse", "emission", "absorption", "reflectivity", "transmission")
+"""The colours and weights of a physical material that all of it may have."""
 
 
 class Texture(NamedTuple):
@@ -29,15 +37,15 @@ class Texture(NamedTuple):
     """
 
     name: str
-    colors: tuple[tuple[float, ...], ...] = ()
+    colors: tuple[Colour, ...] = ()
     square: float = 1.0
-    offset: tuple[float, ...] = (0.0, 0.0)
+    offset: Float[np.ndarray, "2"] | Triple = (0.0, 0.0)
     texels: Float[np.ndarray, "3 height width"] | None = None
     filter: str = "bilinear"
     wrap: str = "repeat"
 
     @property
-    def mean(self) -> tuple[float, ...]:
+    def mean(self) -> Triple:
         """The mean colour."""
         colors = np.array(self.colors).T if self.texels is None else self.texels.reshape(3, -1)
         return tuple(map(float, colors.mean(axis=1)))
@@ -53,7 +61,6 @@ class Texture(NamedTuple):
         return other is not None and bool(eqx.tree_equal(self._replace(name=""), other._replace(name="")))
 
 
-Vector = Float[np.ndarray, "3"]
 BLACK = (0.0, 0.0, 0.0)
 
 
@@ -73,14 +80,13 @@ class PinholeView(NamedTuple):
     given: PerspectiveCamera | None
 
 
-@dataclasses.dataclass(frozen=True)
-class Material:
+class Material(NamedTuple):
     """What a surface is made of; the fields are those of a physical material in `scene.Materials`."""
 
     name: str
-    diffuse: Vector | tuple[float, ...] = BLACK
-    emission: Vector | tuple[float, ...] = BLACK
-    absorption: Vector | tuple[float, ...] = BLACK
+    diffuse: Colour = BLACK
+    emission: Colour = BLACK
+    absorption: Colour = BLACK
     ior: float = 1.0
     reflectivity: float = 0.0
     transmission: float = 0.0
@@ -94,13 +100,14 @@ class Material:
 
     def is_like(self, other: "Material") -> bool:
         """Whether another one, of tuples as this one, is the same."""
-        alike = dataclasses.replace(self, texture=None) == dataclasses.replace(other, texture=None)
-        return alike and (other.texture is None if self.texture is None else self.texture.is_like(other.texture))
+        if self.texture is not None and self.texture.is_like(other.texture):
+            other = other._replace(texture=self.texture)
+        return bool(eqx.tree_equal(self, other))
 
     def blocks(self, name: str, texture_name: Callable[[str], str]) -> list[Description]:
         """The block of a material of tuples, after that of its texture where it has one."""
-        keys = ("diffuse", "emission", "absorption", "reflectivity", "transmission")
-        values: dict[str, Any] = {key: getattr(self, key) for key in keys if getattr(self, key) not in (BLACK, 0.0)}
+        values: dict[str, Any] = {key: getattr(self, key) for key in MATERIAL_FIELDS}
+        values = {key: value for key, value in values.items() if value not in (BLACK, 0.0)}
         if self.is_glass:
             values["ior"] = self.ior
         if self.texture is None:
@@ -121,12 +128,15 @@ class Shape(NamedTuple):
     around: tuple[Material | None, ...] = ()  # All media that it is in.
     is_hidden: bool = False  # Its surface is that of an earlier shape.
 
+    def block(self, material: str) -> Description:
+        """The block of a shape that has the material of this name."""
+        return describe(self.keyword, self.name, {"material": material, **self.numbers})
+
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
         """A plane's directions to the right and upwards, in which a texture lies on it; see `plane.frame`."""
-        n = _normal(self)
+        n = unit(self.numbers["normal"])
         across = np.cross([0.0, 1.0, 0.0], n)
-        length = float(np.linalg.norm(across))
-        right = across / length if length > LEVEL else np.array([1.0, 0.0, 0.0])
+        right = unit(across) if norm(across) > LEVEL else np.array([1.0, 0.0, 0.0])
         return right, np.cross(n, right)
 
 
@@ -187,18 +197,19 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
     if settings.has_path_limit:
         lost.append(f"path_limit {settings.path_limit:g}: paths end by their bounces alone")
     if scene.film is not None:
-        active = without_idle(scene.film)
-        effects = [effect.name for effect in FILM_EFFECTS if getattr(active, effect.name) is not None]
-        lost += [f"{scene.film.name}.{name}: the other program's camera does nothing to the light" for name in effects]
+        lost += [
+            f"{scene.film.name}.{effect.name}: the other program's camera does nothing to the light"
+            for effect in active_effects(without_idle(scene.film))
+        ]
     background, lights = scene.background, scene.lights
     behind = next(iter(blocks_of(scene, "background")), None)
     sky = behind.refers_to(scene, "texture") if behind else None
     return Described(
         view=_view(scene, settings, lost),
-        radiance=_vector(background.radiance) if background else np.zeros(3),
+        radiance=_numeric(background.radiance) if background else np.zeros(3),
         background=background.name if background else "",
-        sky=_texture(scene, sky) if sky else None,
-        lights=tuple(zip(lights.names, _vector(lights.location).T, _vector(lights.emissivity).T, strict=True)),
+        sky=_texture(scene, sky),
+        lights=tuple(zip(lights.names, _numeric(lights.location).T, _numeric(lights.emissivity).T, strict=True)),
         shapes=shapes,
         eye_medium=of(media.eye),
         far_media=tuple(map(of, media.far)),
@@ -216,48 +227,47 @@ def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> PinholeV
         if np.any(np.asarray(camera.distortion)):
             lost.append(f"{camera.name}.distortion: the lens is taken to be without")
             camera = dataclasses.replace(camera, distortion=jnp.zeros_like(camera.distortion))
-    u, v = (np.array(values) for values in ([0.5, 0.0, 1.0, 0.5, 0.5], [0.5, 0.5, 0.5, 0.0, 1.0]))
-    eye, directions = eqx.filter_jit(ray)(camera, jnp.asarray(u), jnp.asarray(v))
+    places = np.array([[0.5, 0.0, 1.0, 0.5, 0.5], [0.5, 0.5, 0.5, 0.0, 1.0]])
+    eye, directions = eqx.filter_jit(ray)(camera, *jnp.asarray(places))
     middle, left, right, bottom, top = np.asarray(directions, np.float64).T
     width, height = settings.picture_size(camera.pixeldim)
     step = pixel_step(camera, settings)
     across, upwards = (right - left) * step[0] * width, (top - bottom) * -step[1] * height
-    return PinholeView(camera.name, (width, height), _vector(eye[:, 0]), middle, across, upwards, given)
+    return PinholeView(camera.name, (width, height), _numeric(eye[:, 0]), middle, across, upwards, given)
 
 
-def _numbers(scene: Scene, block: Block) -> dict[str, np.ndarray]:
-    return {name: _vector(value) for name, value in block.read_all(scene).items()}
+def _numbers(scene: Scene, block: Block) -> dict[str, Any]:
+    return {name: _numeric(value) for name, value in block.read_all(scene).items()}
 
 
 def _material(scene: Scene, block: Block, lost: list[str]) -> Material:
     numbers = _numbers(scene, block)
-    ior = numbers["ior"]
-    if ior.ndim:
+    if np.ndim(numbers["ior"]):
         lost.append(f"{block.name}.ior: three indices; the green channel's is taken for all")
-        ior = ior[1]
+        numbers["ior"] = float(numbers["ior"][1])
     if "abbe" in numbers:
         lost.append(f"{block.name}.abbe: dispersion; the index at 587.56 nm is taken for all channels")
     if 0 < numbers["transmission"] < 1 or (numbers["transmission"] and np.any(numbers["emission"])):
         lost.append(f"{block.name}: glass that is something else as well; it is written as clear glass")
-    texture = block.refers_to(scene, "texture")
-    diffuse, emission, absorption = (numbers[name] for name in ("diffuse", "emission", "absorption"))
-    reflectivity, transmission = (float(numbers[name]) for name in ("reflectivity", "transmission"))
-    shown = _texture(scene, texture) if texture else None
-    return Material(block.name, diffuse, emission, absorption, float(ior), reflectivity, transmission, shown)
+    texture = _texture(scene, block.refers_to(scene, "texture"))
+    return Material(block.name, **{name: numbers[name] for name in (*MATERIAL_FIELDS, "ior")}, texture=texture)
 
 
-def _texture(scene: Scene, block: Block) -> Texture:
-    if block.type.group == "checkers":
-        names = ("color1", "color2", "square", "offset")
-        first, second, square, offset = (_vector(block.read(scene, name)).tolist() for name in names)
-        return Texture(block.name, colors=(tuple(first), tuple(second)), square=square, offset=tuple(offset))
-    texels = _vector(scene.images.texels[block.column or 0])
+def _texture(scene: Scene, block: Block | None) -> Texture | None:
+    if block is None:
+        return None
+    numbers = _numbers(scene, block)
+    if numbers:
+        colors = (numbers.pop("color1"), numbers.pop("color2"))
+        return Texture(block.name, colors, **numbers)
+    texels = _numeric(block.read(scene, "texels"))
     return Texture(block.name, texels=texels, filter=block.read(scene, "filter"), wrap=block.read(scene, "wrap"))
 
 
-def _vector(values: object) -> np.ndarray:
-    """Numbers of a scene, in double precision."""
-    return np.asarray(values, np.float64)
+def _numeric(values: object) -> Any:
+    """Numbers of a scene in double precision: an array, a float where it is a single number."""
+    array = np.asarray(values, np.float64)
+    return array if array.ndim else array.item()
 
 
 def touch(a: Shape, b: Shape) -> bool:
@@ -268,11 +278,11 @@ def touch(a: Shape, b: Shape) -> bool:
 def overlap(a: Shape, b: Shape) -> bool:
     """Whether the surfaces of two shapes, spheres or planes, cut one another; a rounding is no cut."""
     if a.keyword == b.keyword == "plane":
-        return bool(np.linalg.norm(np.cross(_normal(a), _normal(b))) > PARALLEL)
+        return bool(norm(np.cross(unit(a.numbers["normal"]), unit(b.numbers["normal"]))) > PARALLEL)
     if a.keyword == b.keyword:
         return touch(a, b) and bool(_apart(a, b) > abs(a.numbers["radius"] - b.numbers["radius"]))
     plane, ball = (a, b) if a.keyword == "plane" else (b, a)
-    height = (ball.numbers["center"] - plane.numbers["point"]) @ _normal(plane)
+    height = (ball.numbers["center"] - plane.numbers["point"]) @ unit(plane.numbers["normal"])
     return bool(abs(height) < (1 - PARALLEL) * ball.numbers["radius"])
 
 
@@ -281,16 +291,17 @@ def reach(shapes: Iterable[Shape], eye: np.ndarray) -> float:
 
     def far(shape: Shape) -> float:
         numbers, ends = shape.numbers, not shape.material.is_glass
-        sides = [np.linalg.norm(numbers[side]) for side in ("right", "up") if side in numbers and ends]
+        sides = [norm(numbers[side]) for side in ("right", "up") if side in numbers and ends]
         middle = numbers["point" if shape.keyword == "plane" else "center"]
-        return float(np.linalg.norm(np.subtract(middle, eye)) + numbers.get("radius", 0.0) + sum(sides))
+        return float(norm(np.subtract(middle, eye)) + numbers.get("radius", 0.0) + sum(sides))
 
     return max(map(far, shapes), default=0.0)
 
 
-def _normal(plane: Shape) -> np.ndarray:
-    return plane.numbers["normal"] / np.linalg.norm(plane.numbers["normal"])
+def unit(vector: np.ndarray) -> np.ndarray:
+    """The vector of length one in the direction of another."""
+    return vector / norm(vector)
 
 
 def _apart(a: Shape, b: Shape) -> float:
-    return float(np.linalg.norm(np.subtract(a.numbers["center"], b.numbers["center"])))
+    return float(norm(np.subtract(a.numbers["center"], b.numbers["center"])))

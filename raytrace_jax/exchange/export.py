@@ -1,6 +1,5 @@
 """Files of a scene for other renderers, with the pictures of its textures beside them."""
 
-import os
 from pathlib import Path
 from typing import get_args
 
@@ -9,9 +8,8 @@ import numpy as np
 from ..errors import SceneError
 from ..images.exr import write_exr
 from ..scene.scene import Scene
-from ..tracer.resolved_settings import resolve_settings
-from ..tracer.settings import RenderSettings
-from ..util.files import write_text
+from ..tracer.settings import RenderSettings, resolve_settings
+from ..util.files import StrPath, write_text
 from . import Format
 from .described import describe_scene
 from .mitsuba.export import MitsubaWriter
@@ -19,9 +17,7 @@ from .mitsuba.plugins import xml_text
 from .pov import pov_text
 
 
-def export_scene(
-    scene: Scene, path: str | os.PathLike[str], to: Format, settings: RenderSettings | None = None
-) -> tuple[str, ...]:
+def export_scene(scene: Scene, path: StrPath, to: Format, settings: RenderSettings | None = None) -> tuple[str, ...]:
     """Write a physical scene for another renderer.
 
     The file's head has the command that renders it. Pictures of textures are written beside it, as OpenEXR.

@@ -8,16 +8,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.linalg import norm
 
 from ..scene.scene import Scene, least_distance
-from ..tracer.geometry.intersection import Hits
+from ..tracer.geometry.intersection import SurfaceInteraction
 from ..tracer.geometry.rays import NO_SHAPE, Integers, Vectors
-from ..tracer.resolved_settings import ResolvedSettings
+from ..tracer.settings import ResolvedSettings
 from ..tracer.shading.physical import innermost, media_at
 from ..tracer.world import World, prepare_world
 
 DIRECTIONS = np.random.default_rng(0).normal(size=(3, 15))
-DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=0)
+DIRECTIONS /= norm(DIRECTIONS, axis=0)
 """Directions all around, none of them along an axis."""
 PLACES = np.random.default_rng(1).uniform(-1, 1, size=(2, 15))
 PLACES[:, :4] = [-1, -1, 1, 1], [-1, 1, -1, 1]
@@ -64,10 +65,10 @@ def _asked(scene: Scene, settings: ResolvedSettings) -> tuple[World, list[Intege
     if shapes.axes is not None:
         points += jnp.einsum("ak,ais->iks", jnp.asarray(PLACES, points.dtype), shapes.axes)
     owners = jnp.broadcast_to(jnp.arange(count), points.shape[1:])
-    hits = _hits(points, n, owners)
+    si = _hits(points, n, owners)
     fronts = []
     for from_outside in (True, False):
-        front = media_at(world, hits, jnp.full(hits.shape.shape, from_outside), settings).front
+        front = media_at(world, si, jnp.full(si.shape.shape, from_outside)).front
         assert front is not None, "this model has media"
         fronts.append(front.reshape(owners.shape))
     return world, fronts, innermost(world, _hits(around, jnp.zeros_like(around), nowhere))[0][0]
@@ -77,10 +78,10 @@ def _places(shapes: np.ndarray) -> list[int | None]:
     return [None if k == NO_SHAPE else k for k in shapes.tolist()]
 
 
-def _hits(p: Vectors, n: Vectors, shape: Integers) -> Hits:
+def _hits(p: Vectors, n: Vectors, shape: Integers) -> SurfaceInteraction:
     points, normals = p.reshape(3, -1), n.reshape(3, -1)
     nothing = jnp.zeros_like(points[0])
-    return Hits(nothing == 0, nothing, points, normals, shape.ravel().astype(jnp.int32), nothing)
+    return SurfaceInteraction(nothing == 0, nothing, points, normals, shape.ravel().astype(jnp.int32), nothing)
 
 
 def _hidden(world: World) -> tuple[bool, ...]:
@@ -88,22 +89,18 @@ def _hidden(world: World) -> tuple[bool, ...]:
 
     Planes that look away from one another are among them, as of oil on water.
     """
-    shapes, types, close = world.shapes, world.shapes.types, float(least_distance(jnp.asarray(world.unit))) / 2
-    place, normal = (np.asarray(values, np.float64).T for values in (shapes.position, shapes.normal))
-    radius, glass = np.asarray(shapes.radius, np.float64), np.asarray(world.materials.transmission) > 0
-    hidden = [bool(one) for one in np.asarray(shapes.hidden)] if shapes.hidden is not None else [False] * len(types)
-
-    def is_same(a: int, b: int) -> bool:
-        apart = place[a] - place[b]
-        if types[a] == "sphere":
-            return bool(np.linalg.norm(apart) + abs(radius[a] - radius[b]) < close)
-        parallel = np.linalg.norm(np.cross(normal[a], normal[b])) < PARALLEL
-        return types[a] == "plane" and bool(parallel and abs(apart @ normal[a]) < close)
-
-    for b in range(len(types)):
-        earlier = [a for a in range(b) if types[a] == types[b] and glass[a] and glass[b]]
-        hidden[b] = hidden[b] or any(is_same(a, b) for a in earlier)
-    return tuple(hidden)
+    shapes, close = world.shapes, float(least_distance(jnp.asarray(world.unit))) / 2
+    types, is_glass = np.array(shapes.types, str), np.asarray(world.materials.transmission) > 0
+    place, normal, radius = (np.asarray(x.T, np.float64) for x in (shapes.position, shapes.normal, shapes.radius))
+    # Of each pair of shapes, by rows and columns.
+    apart = place[:, None] - place
+    is_one_ball = norm(apart, axis=-1) + np.abs(radius[:, None] - radius) < close
+    is_parallel = norm(np.cross(normal[:, None], normal), axis=-1) < PARALLEL
+    is_one_plane = is_parallel & (np.abs(np.einsum("abi,ai->ab", apart, normal)) < close)
+    is_same = np.where(types == "sphere", is_one_ball, is_one_plane & (types == "plane"))
+    is_same &= (types[:, None] == types) & is_glass[:, None] & is_glass
+    hidden = np.triu(is_same, 1).any(axis=0)
+    return tuple((hidden if shapes.hidden is None else hidden | shapes.hidden).tolist())
 
 
 PARALLEL = 1e-6

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+from numpy.linalg import norm
 
-from .described import Described, Shape, Texture, touch
+from .described import Described, Shape, Texture, touch, unit
 
 Files = dict[str, np.ndarray]
 
@@ -77,7 +78,7 @@ def _background(scene: Described, stem: str, files: Files) -> str:
 def _shape(shape: Shape, stem: str, files: Files) -> str:
     numbers = shape.numbers
     if shape.keyword == "sphere":
-        body = f"sphere {{ {pov_vector(numbers['center'])}, {float(numbers['radius'])!r}"
+        body = f"sphere {{ {pov_vector(numbers['center'])}, {numbers['radius']!r}"
         return f"// {shape.name}\n{body} {_material(shape, stem, files, np.ones(2))} }}"
     if shape.keyword == "plane":
         right, up = shape.axes()
@@ -85,8 +86,8 @@ def _shape(shape: Shape, stem: str, files: Files) -> str:
         halves, origin, body = np.ones(2), numbers["point"], "plane { z, 0"
     else:
         normal = np.cross(numbers["right"], numbers["up"])
-        a, b = (float(np.linalg.norm(numbers[side])) for side in ("right", "up"))
-        halves, right, n = np.array([a, b]), numbers["right"] / a, normal / np.linalg.norm(normal)
+        a, b = (float(norm(numbers[side])) for side in ("right", "up"))
+        halves, right, n = np.array([a, b]), numbers["right"] / a, unit(normal)
         corners = ", ".join(pov_vector(corner) for corner in ((-a, -b), (a, -b), (a, b), (-a, b), (-a, -b)))
         origin, body = numbers["center"], f"polygon {{ 5, {corners}"
     frame = ", ".join(pov_vector(row)[1:-1] for row in (right, np.cross(n, right), n, origin))

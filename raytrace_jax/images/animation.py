@@ -73,7 +73,7 @@ def _with_palette(frames: Sequence[Image.Image]) -> list[Image.Image]:
     together = Image.fromarray(np.concatenate([np.asarray(frames[place]) for place in places]))
     palette = together.quantize(256, kmeans=2)
     width, height = frames[0].size
-    pattern = np.tile(DITHER, (-(-height // len(DITHER)), -(-width // len(DITHER))))[:height, :width, None]
+    pattern = np.take(np.take(DITHER, range(height), 0, mode="wrap"), range(width), 1, mode="wrap")[..., None]
 
     def reduced(frame: Image.Image) -> Image.Image:
         pixels = np.clip(np.asarray(frame) + pattern, 0, 255).round().astype(np.uint8)

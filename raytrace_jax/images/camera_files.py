@@ -4,7 +4,6 @@ What is undone here is what OpenImageIO leaves, or what programs disagree on (TI
 """
 
 import contextlib
-import os
 import re
 import warnings
 from collections.abc import Mapping
@@ -14,12 +13,12 @@ from typing import Any
 import numpy as np
 from PIL.ExifTags import Base
 
-from ..util.files import read_bytes
+from ..util.files import StrPath, read_bytes
 from . import Transfer
 from .exif import BROKEN, directories, exif_of
-from .icc import Curve, read_profile
+from .icc import read_profile
 from .picture_file import LibraryFile
-from .transfer import REC_709, ColourSpace, power_curve, srgb_to_linear, to_rec_709
+from .transfer import REC_709, ColourSpace, Curve, Meaning, power_curve, srgb_to_linear, to_rec_709
 
 RAW = "is a raw file of a camera: develop it (docs/photograph.md says how)"
 
@@ -48,7 +47,7 @@ START_OF_SCAN, END_OF_IMAGE, PROGRESSIVE_FRAMES = 0xDA, 0xD9, (0xC2, 0xC6, 0xCA,
 class CameraFile(LibraryFile):
     """A JPEG or a TIFF, which says by an ICC profile what its numbers mean, or by EXIF that it does not say."""
 
-    def stated(self) -> Transfer | ColourSpace | None:
+    def stated(self) -> Meaning:
         """What the ICC profile says, else the tags that TIFF and EXIF share; None where neither says anything."""
         profile = self.spec.getattribute("ICCProfile")
         if profile is not None:
@@ -89,7 +88,7 @@ class TiffFile(CameraFile):
 
     format, suffixes = "TIFF", (".tif", ".tiff")
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: StrPath) -> None:
         super().__init__(path)
         if _is_raw(path):
             raise self.error(RAW)
@@ -135,21 +134,17 @@ def _space(tags: Mapping[int, Any], usual: Curve) -> ColourSpace | None:
     return None if matrix is None else ColourSpace("by PrimaryChromaticities", usual, matrix)
 
 
-def _is_raw(path: str | os.PathLike[str]) -> bool:
+def _is_raw(path: StrPath) -> bool:
     """Whether a TIFF is a raw file, whose first picture may be a preview: by its name, or the tags of its pictures."""
     if Path(path).suffix.lower() in RAW_SUFFIXES:
         return True
     with warnings.catch_warnings(), contextlib.suppress(*BROKEN):
         warnings.simplefilter("ignore")  # What Pillow says of broken tags, of which OpenImageIO will speak.
         for number, tags in enumerate(directories(path)):
-            if (
-                tags.get(Base.PhotometricInterpretation) in RAW_PHOTOMETRIC
-                or tags.get(Base.Compression) in RAW_COMPRESSION
-            ):
-                return True
+            is_raw = tags.get(Base.PhotometricInterpretation) in RAW_PHOTOMETRIC or not MOSAIC_OR_DNG.isdisjoint(tags)
             # A first picture that is a smaller copy (1) stands before the one that was taken.
             is_preview = number == 0 and tags.get(Base.NewSubfileType) == 1 and Base.SubIFDs in tags
-            if is_preview or not MOSAIC_OR_DNG.isdisjoint(tags):
+            if is_raw or is_preview or tags.get(Base.Compression) in RAW_COMPRESSION:
                 return True
     return False
 

@@ -16,19 +16,13 @@ from PIL.PngImagePlugin import PngImageFile
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from ..errors import PictureError, RaytraceWarning
-from ..util.files import read_bytes
+from ..util.files import StrPath, read_bytes
 
-TURNS = {
-    1: lambda picture: picture,
-    2: lambda picture: picture[:, ::-1],
-    3: lambda picture: picture[::-1, ::-1],
-    4: lambda picture: picture[::-1],
-    5: lambda picture: picture.swapaxes(0, 1),
-    6: lambda picture: picture.swapaxes(0, 1)[:, ::-1],
-    7: lambda picture: picture.swapaxes(0, 1)[::-1, ::-1],
-    8: lambda picture: picture.swapaxes(0, 1)[::-1],
-}
-"""For each orientation of EXIF how "height width channels" becomes upright (Exif 2.32, tag 0x0112)."""
+ORIENTATIONS = range(1, 9)
+"""EXIF's numbers of how a picture is turned (Exif 2.32, tag 0x0112); from 5 on rows and columns are exchanged."""
+
+ROWS_REVERSED, COLUMNS_REVERSED = (3, 4, 7, 8), (2, 3, 6, 7)
+"""The orientations whose rows, or columns, come from the last to the first."""
 
 BACK = {6: 8, 8: 6}  # Which of EXIF's orientations undoes one, where it does not undo itself.
 
@@ -48,24 +42,25 @@ DIAGONAL_OF_FILM = math.hypot(36, 24)  # Of a frame of 35 mm film, in millimetre
 RESOLUTION_UNITS = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # EXIF's units of the focal plane's resolution, in millimetres.
 
 
-def orientation_of(path: str | os.PathLike[str]) -> int:
+def orientation_of(path: StrPath) -> int:
     """How a file says that its picture is turned, as EXIF numbers it: 1 is upright. PictureError if it is missing."""
     orientation = exif_of(path).get(Base.Orientation, 1)
-    return int(orientation) if orientation in TURNS else 1
+    return int(orientation) if orientation in ORIENTATIONS else 1
 
 
-def upright(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
-    """A picture "height width channels" as it is stored, turned as its file says."""
-    return TURNS[orientation_of(path)](stored)
+def upright(stored: np.ndarray, orientation: int) -> np.ndarray:
+    """A picture "height width channels" that is stored in an orientation of EXIF, turned upright."""
+    picture = stored.swapaxes(0, 1) if orientation > 4 else stored
+    return picture[:: -1 if orientation in ROWS_REVERSED else 1, :: -1 if orientation in COLUMNS_REVERSED else 1]
 
 
-def camera_of(path: str | os.PathLike[str]) -> dict[str, str]:
+def camera_of(path: StrPath) -> dict[str, str]:
     """What a file tells of its camera and zoom, by the words of `TOLD`. PictureError if it is missing."""
     exif = exif_of(path)
     return {word: str(exif[tag]).strip() for tag, word in TOLD.items() if tag in exif}
 
 
-def angle_of_view(path: str | os.PathLike[str]) -> float | None:
+def angle_of_view(path: StrPath) -> float | None:
     """The full horizontal angle of view, in degrees, that the EXIF of a JPEG or TIFF tells; None if it tells none.
 
     It follows from the focal length for 35 mm film, whose frame has a diagonal of 43.27 mm (Exif 2.32, tag 0xA405), or
@@ -115,7 +110,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
     return None
 
 
-def exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
+def exif_of(path: StrPath) -> dict[int, Any]:
     """The values of EXIF and the picture's size by their tags; none where there is no EXIF, or a broken one.
 
     Raises PictureError if the file is missing.
@@ -135,7 +130,7 @@ def exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
     return {}
 
 
-def directories(path: str | os.PathLike[str], first: int | None = None) -> Iterator[ImageFileDirectory_v2]:
+def directories(path: StrPath, first: int | None = None) -> Iterator[ImageFileDirectory_v2]:
     """The tags of a TIFF's pictures, of any layout: of the one at `first`, then of all others and those inside them."""
     with Path(path).open("rb") as file:
         header = file.read(8)

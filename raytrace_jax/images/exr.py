@@ -1,4 +1,4 @@
-"""OpenEXR files: scene-linear float channels by name, and our metadata, exact, as one JSON string.
+"""OpenEXR files: scene-linear float channels by name, the picture that they make, and our metadata, exact, as one text.
 
 Arrays are "height width" with the top row first, as the file has them. Channel names are layers:
 `ViewLayer.Combined.R` is the component `R` of the layer `ViewLayer.Combined`.
@@ -7,11 +7,11 @@ Arrays are "height width" with the top row first, as the file has them. Channel 
 import contextlib
 import io
 import json
-import os
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +20,20 @@ import OpenEXR
 from jax.typing import ArrayLike
 
 from ..errors import PictureError, RaytraceWarning
-from ..util.files import atomic_write, read_bytes
+from ..util.files import StrPath, atomic_write, read_bytes
 from ..util.numerics import real_numbers
 from ..util.text import did_you_mean
-from .picture_file import KEY, refuse_beyond_memory, to_json
+from . import Transfer
+from .picture_file import KEY, MEMORY, PictureFile, PictureOrigin, refuse_beyond_memory, to_json
+from .transfer import LINEAR_SPACES, NEARLY, REC_709, Chromaticities, ColourSpace, linear_space
 
 MAGIC = b"\x76\x2f\x31\x01"
 """The first four bytes of every OpenEXR file."""
 
 RGB = ("R", "G", "B")
+
+Header = Mapping[str, Any]
+"""What a part of a file says of itself, by the names of attributes."""
 
 # Compressions by the floats that they change: PXR24 drops bits of 32-bit floats only, B44 those of halfs.
 _LOSSY = {**dict.fromkeys(("DWAA", "DWAB", "LJ2K"), ("f2", "f4")), "B44": ("f2",), "B44A": ("f2",), "PXR24": ("f4",)}
@@ -46,7 +51,7 @@ class ExrPicture:
 
 
 def write_exr(
-    path: str | os.PathLike[str],
+    path: StrPath,
     channels: Mapping[str, object] | ArrayLike,
     *,
     metadata: Mapping[str, object] | None = None,
@@ -123,7 +128,7 @@ def refuse_not_finite(where: str, name: str, array: np.ndarray) -> None:
         raise PictureError(f"{where}: channel {name} has {len(bad)} pixels that are NaN, infinite or masked, {first}")
 
 
-def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPicture:
+def read_exr(path: StrPath, *, layer: str | None = None) -> ExrPicture:
     """Read all channels of an OpenEXR file, whichever program wrote it; scanlines or tiles, one part or many.
 
     Pixels are placed in the display window: zero where the data window has none, cropped where it is larger.
@@ -146,13 +151,15 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
     counts = Counter(name for part in parts for name in part.channels)
     channels: dict[str, np.ndarray] = {}
     attributes: dict[str, dict[str, Any]] = {}
-    compressions, lossy = [part.compression().name.removesuffix("_COMPRESSION") for part in parts], set()
+    compressions = [part.compression().name.removesuffix("_COMPRESSION") for part in parts]
+    lossy: set[str] = set()
     for part, compression in zip(parts, compressions, strict=True):
         prefix = f"{part.name()}." if any(counts[name] > 1 for name in part.channels) else ""
         for name, channel in part.channels.items():
             channels[prefix + name] = in_display_window(path, channel.pixels, part.header)
             attributes[prefix + name] = {**parts[0].header, **part.header}
-            lossy |= {compression} if channel.pixels.dtype.str[1:] in _LOSSY.get(compression, ()) else set()
+            if channel.pixels.dtype.str[1:] in _LOSSY.get(compression, ()):
+                lossy.add(compression)
     if lossy:
         words = f"{path}: was stored with the lossy compression {' and '.join(lossy)}; its pixels are not exact"
         warnings.warn(words, RaytraceWarning, stacklevel=2)
@@ -163,13 +170,13 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
     return ExrPicture(channels, read_metadata(path, parts[0].header), compressions[0], attributes)
 
 
-def opened(path: str | os.PathLike[str], **how: bool) -> OpenEXR.File:
+def opened(path: StrPath, **how: bool) -> OpenEXR.File:
     """What OpenEXR reads of a file: as a stream, since a name need not be UTF-8, and OpenEXR's have to."""
     with Path(path).open("rb") as file:
         return OpenEXR.File(file, **how)
 
 
-def _load_parts(path: str | os.PathLike[str]) -> list[OpenEXR.Part]:
+def _load_parts(path: StrPath) -> list[OpenEXR.Part]:
     """Return the parts with their pixels, after checks that OpenEXR leaves to its caller."""
     if read_bytes(path, count=4, error=PictureError) != MAGIC:
         raise PictureError(f"{path}: is not an OpenEXR file (its first bytes differ)")
@@ -196,14 +203,14 @@ def _load_parts(path: str | os.PathLike[str]) -> list[OpenEXR.Part]:
     return parts
 
 
-def _window(header: Mapping[str, Iterable], name: str) -> tuple[np.ndarray, np.ndarray]:
+def _window(header: Header, name: str) -> tuple[np.ndarray, np.ndarray]:
     """The (row, column) of a window's first pixel, and of the one behind its last."""
     # The header has (x, y), and the last itself.
     first, last = (np.array(corner, np.int64)[::-1] for corner in header[name])
     return first, last + 1
 
 
-def in_display_window(path: str | os.PathLike[str], pixels: np.ndarray, header: Mapping[str, Iterable]) -> np.ndarray:
+def in_display_window(path: StrPath, pixels: np.ndarray, header: Header) -> np.ndarray:
     """A channel of the data window where the picture is shown, 0 where it has no pixels; a half as float32."""
     pixels = pixels.astype(np.float32) if pixels.dtype == np.float16 else pixels
     (data, data_end), (shown, shown_end) = (_window(header, name) for name in ("dataWindow", "displayWindow"))
@@ -218,13 +225,13 @@ def in_display_window(path: str | os.PathLike[str], pixels: np.ndarray, header: 
     return placed
 
 
-def stored_pixels(path: str | os.PathLike[str], header: Mapping[str, Iterable]) -> np.ndarray:
+def stored_pixels(path: StrPath, header: Header) -> np.ndarray:
     """Which pixels of the display window the data window has, "height width"."""
     first, end = _window(header, "dataWindow")
     return in_display_window(path, np.ones(end - first, bool), header)
 
 
-def read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -> dict[str, object]:
+def read_metadata(path: StrPath, header: Header) -> dict[str, object]:
     """What `write_exr` was given; a RaytraceWarning tells if that is broken."""
     with contextlib.suppress(TypeError, json.JSONDecodeError):
         if isinstance(metadata := json.loads(header.get(KEY, "{}")), dict):  # pyright: ignore[reportArgumentType]
@@ -251,3 +258,100 @@ def find_layer(names: Iterable[str], wanted: str, where: str) -> str:
         return ends[0]
     hint = " Give the full name." if ends else did_you_mean(wanted, layers)
     raise PictureError(f"{where}: has not one layer {wanted!r}; its layers are {str(layers)[1:-1]}.{hint}")
+
+
+class ExrFile(PictureFile):
+    """The picture in an OpenEXR file. An alpha is left out: colours are premultiplied, that is, already over black."""
+
+    format = "OpenEXR"
+
+    def __init__(self, path: StrPath, layer: str | None = None) -> None:
+        super().__init__(path)
+        self.layer = layer
+
+    @cached_property
+    def picture(self) -> ExrPicture:
+        return read_exr(self.path)
+
+    @cached_property
+    def names(self) -> tuple[str, str, str]:
+        """The three channel names that make the picture, R, G and B; a grey `Y` comes three times.
+
+        Without a layer, the picture is the channels without a layer if they have a colour, else the only layer
+        with a colour, else the only one called `Combined`, as Blender has it.
+        """
+        components = by_layer(self.picture.channels)
+        # A Y beside an X is a vector's second component (`normal.X normal.Y normal.Z`), not a grey picture, and beside
+        # RY and BY it is a luminance with chroma.
+        is_grey = {name: "Y" in has and has.isdisjoint(("X", "RY", "BY")) for name, has in components.items()}
+        coloured = [name for name, has in components.items() if has.issuperset(RGB) or is_grey[name]]
+        if self.layer is not None:
+            layer = find_layer(self.picture.channels, self.layer, str(self.path))
+            chosen = [name for name in coloured if name == layer]
+        else:
+            combined = [name for name in coloured if name.rpartition(".")[2] == "Combined"]
+            chosen = [""] if "" in coloured else coloured if len(coloured) == 1 else combined
+        if len(chosen) != 1:
+            layers = "; ".join(f"{name!r} ({', '.join(sorted(has))})" for name, has in components.items())
+            wanted = "one layer with the channels R, G, B or a grey Y is wanted"
+            raise self.error(f"{wanted}: name it; its layers are {layers}")
+        prefix = f"{chosen[0]}." if chosen[0] else ""
+        red, green, blue = RGB if components[chosen[0]].issuperset(RGB) else ("Y", "Y", "Y")
+        return prefix + red, prefix + green, prefix + blue
+
+    @cached_property
+    def primaries(self) -> tuple[str, Chromaticities]:
+        """What states the primaries, and these; a name of `LINEAR_SPACES` where it is an id of the Color Interop Forum.
+
+        An id goes before chromaticities, which programs pass on when they are no longer right, and what is said to be a
+        file of ACES before both (the Forum's "Identifying the Color Space of OpenEXR Files").
+        """
+        said = self.picture.attributes[self.names[0]]
+        chromaticities = tuple(map(float, said.get("chromaticities", REC_709)))
+        is_of_aces = said.get("acesImageContainerFlag") == 1
+        space = "lin_ap0_scene" if is_of_aces else str(said.get("colorInteropID", "unknown"))
+        if space == "data":
+            return space, REC_709
+        if space == "unknown":
+            return "by chromaticities", chromaticities
+        if space not in LINEAR_SPACES:
+            raise self.error(
+                f"says that its colours are {space!r} (colorInteropID), and linear light of a known space is wanted: "
+                f"{', '.join(LINEAR_SPACES)}; oiiotool --colorconvert converts it"
+            )
+        primaries = LINEAR_SPACES[space]
+        if "chromaticities" in said and not np.allclose(primaries, chromaticities, atol=NEARLY):
+            self.tell(f"says that its colours are {space}, and has the chromaticities of others: it is read as said.")
+        return space, primaries
+
+    def numbers(self) -> np.ndarray:
+        """The channels of the layer, a grey one three times."""
+        height, width = self.picture.channels[self.names[0]].shape
+        refuse_beyond_memory(self.path, "display window", width, height, bytes_per_pixel=MEMORY)
+        for name in self.names:
+            refuse_not_finite(f"{self.path}: cannot be used as a picture", name, self.picture.channels[name])
+        stored = np.stack([self.picture.channels[name] for name in self.names], axis=-1)
+        return stored.astype(np.float32, copy=False)
+
+    def stated(self) -> ColourSpace | None:
+        """The space of its primaries, where these are not Rec. 709's and it has colours."""
+        name, primaries = self.primaries
+        is_grey = len(set(self.names)) == 1
+        return None if is_grey else linear_space(name, primaries, adapts=name in LINEAR_SPACES)
+
+    def pixel_aspect(self) -> float:
+        return float(self.picture.attributes[self.names[0]].get("pixelAspectRatio", 1.0))
+
+    def light(self, transfer: Transfer | None = None) -> np.ndarray:
+        light = super().light()  # No transfer changes floats.
+        headers = (self.picture.attributes[name] for name in self.names)
+        absent = ~np.all([stored_pixels(self.path, header) for header in headers], axis=0)
+        return np.ma.array(light, mask=np.broadcast_to(absent, light.shape)) if absent.any() else light
+
+    def origin(self) -> PictureOrigin:
+        """The metadata of `write_exr`, and the attribute `generatedBy`."""
+        try:
+            header = opened(self.path, header_only=True).parts[0].header
+        except (RuntimeError, ValueError, IndexError) as cause:
+            raise self.error(f"is a truncated or broken OpenEXR file: {cause}") from cause
+        return PictureOrigin(read_metadata(self.path, header), str(header.get("generatedBy", "")))

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+Images = Float[Array, "*any height width"]
 
-def gaussian_blur(
-    image: Float[Array, "*any height width"], sigma: Float[Array, ""]
-) -> Float[Array, "*any height width"]:
+
+def gaussian_blur(image: Images, sigma: Float[Array, ""]) -> Images:
     """Blur rows and columns with a Gaussian of standard deviation `sigma` pixels; 0 leaves the picture as it is.
 
     The kernel is cut off at the picture's border and scaled to sum to one there. `sigma` may be traced: a new one

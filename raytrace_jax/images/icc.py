@@ -7,19 +7,16 @@ kinds of tags in 10. Profiles that are tables of colours, of printers and some s
 import contextlib
 import io
 import struct
-from collections.abc import Callable
 
 import numpy as np
 from PIL import ImageCms
 
-from .transfer import NEARLY, ColourSpace, srgb_to_linear
+from .transfer import NEARLY, ColourSpace, Curve, srgb_to_linear
 
 SRGB_TO_XYZ = np.array(
     [[0.4360747, 0.3850649, 0.1430804], [0.2225045, 0.7168786, 0.0606169], [0.0139322, 0.0971045, 0.7141733]]
 )
 """sRGB's light in CIE XYZ, adapted to the white of profiles, D50, by Bradford's transform."""
-
-Curve = Callable[[np.ndarray], np.ndarray]
 
 
 def read_profile(data: bytes) -> ColourSpace | None:

@@ -1,18 +1,16 @@
 """The compression of a JPEG file, which can be done to other pictures."""
 
 import io
-import os
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from PIL import Image, JpegImagePlugin
 
 from ..errors import PictureError
-from ..util.files import as_path
+from ..util.files import StrPath, as_path
 from . import Transfer
-from .exif import BACK, TURNS, orientation_of
-from .transfer import DECODERS, ENCODERS
+from .exif import BACK, orientation_of, upright
+from .transfer import DECODERS, ENCODERS, Colours
 
 
 class JpegStorage(NamedTuple):
@@ -30,11 +28,11 @@ class JpegStorage(NamedTuple):
         """Side in pixels of the squares whose patterns are kept or dropped: 16 where pixels share colours."""
         return 8 if self.subsampling == 0 else 16
 
-    def encode(self, picture: Float[np.ndarray, "3 height width"]) -> Float[np.ndarray, "3 height width"]:
+    def encode(self, picture: Colours) -> Colours:
         """The numbers of a scene-linear picture as they are stored, not rounded to 8 bits: from 0 to 255."""
         return ENCODERS[self.transfer](picture, bits=16) / (2**16 - 1) * 255
 
-    def compress(self, numbers: Float[np.ndarray, "3 height width"]) -> Float[np.ndarray, "3 height width"]:
+    def compress(self, numbers: Colours) -> Colours:
         """The scene-linear picture that is read back of numbers from 0 to 255.
 
         Its squares begin where those of the file do; beyond the part's border the picture goes on as it is there.
@@ -46,15 +44,15 @@ class JpegStorage(NamedTuple):
         before, above = left % largest, top % largest
         pixels = np.moveaxis(np.clip(np.round(numbers), 0, 255).astype(np.uint8), 0, -1)
         pixels = np.pad(pixels, ((above, below), (before, after), (0, 0)), mode="edge")
-        turned = TURNS[BACK.get(self.orientation, self.orientation)](pixels)
+        turned = upright(pixels, BACK.get(self.orientation, self.orientation))
         file = io.BytesIO()
         tables = [list(table) for table in self.tables]
         Image.fromarray(np.ascontiguousarray(turned)).save(file, "JPEG", qtables=tables, subsampling=self.subsampling)
-        upright = TURNS[self.orientation](np.asarray(Image.open(file)))[above:, before:]
-        return DECODERS[self.transfer](np.moveaxis(upright, -1, 0))[:, :height, :width]
+        stored = upright(np.asarray(Image.open(file)), self.orientation)[above:, before:]
+        return DECODERS[self.transfer](np.moveaxis(stored, -1, 0))[:, :height, :width]
 
 
-def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> JpegStorage | None:
+def jpeg_storage(path: StrPath, transfer: Transfer = "srgb") -> JpegStorage | None:
     """The compression of a JPEG file; None for a grey one and for one that does not store brightness and colour apart.
 
     Args:

@@ -1,17 +1,20 @@
 """Weights of pixels: masks, and what is clipped or not finite."""
 
-import os
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..util.files import StrPath
 from . import Clipped
 from .pictures import is_jpeg, is_photograph, read
+from .transfer import Colours
+
+PixelMask = Bool[np.ndarray, "height width"]
 
 
-def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
+def read_mask(path: StrPath) -> np.ndarray:
     """Return the weights "height width" of a file: 0 leaves a pixel out, 1 counts in full.
 
     Of an OpenEXR or Radiance HDR picture they are the means of its channels, 0 or more, and 0 outside of the data
@@ -26,15 +29,15 @@ def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
 class ClippedPixels(NamedTuple):
     """The pixels that count nothing: one of their channels is at the largest number, or is 0."""
 
-    saturated: Bool[np.ndarray, "height width"]
-    black: Bool[np.ndarray, "height width"]
+    saturated: PixelMask
+    black: PixelMask
 
     @property
     def weights(self) -> Float[np.ndarray, "height width"]:
         """0 for these pixels, else 1."""
         return np.where(self.saturated | self.black, 0.0, 1.0)
 
-    def words(self, path: str | os.PathLike[str]) -> str:
+    def words(self, path: StrPath) -> str:
         """How many they are, as a sentence; empty if there are none."""
         counts = {"saturated": self.saturated.sum(), "black": (self.black & ~self.saturated).sum()}
         some = " and ".join(f"{count:,} {name}" for name, count in counts.items() if count)
@@ -42,9 +45,7 @@ class ClippedPixels(NamedTuple):
         return f"{path}: {some} {rest}" if some else ""
 
 
-def clipped_pixels(
-    path: str | os.PathLike[str], picture: Float[np.ndarray, "3 height width"], how: Clipped, clamps: bool
-) -> ClippedPixels:
+def clipped_pixels(path: StrPath, picture: Colours, how: Clipped, clamps: bool) -> ClippedPixels:
     """The pixels of a picture that are at the ends of what its file can store, and so tell no light.
 
     A file of floats has none. A photograph has both kinds. A renderer's black is exact, and so is its white where its
@@ -64,7 +65,7 @@ def clipped_pixels(
     return ClippedPixels(np.logical_and(saturated, has_end), np.logical_and(black, is_photo))
 
 
-def bad_pixels(*images: np.ndarray) -> Bool[np.ndarray, "height width"]:
+def bad_pixels(*images: np.ndarray) -> PixelMask:
     """The pixels that are NaN or infinite in any of some pictures, "*any height width"."""
     return np.any([~np.isfinite(image).reshape(-1, *image.shape[-2:]).all(axis=0) for image in images], axis=0)
 
@@ -74,7 +75,7 @@ def blackened(image: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(image), image, np.zeros((), image.dtype))
 
 
-def mask_in_words(bad: Bool[np.ndarray, "height width"], origin: Sequence[int] = (0, 0)) -> str:
+def mask_in_words(bad: PixelMask, origin: Sequence[int] = (0, 0)) -> str:
     """How many pixels are bad, and where the first five are: `2 pixels are NaN or infinite: row 3, column 8; ...`.
 
     `origin` is column and row of the first pixel in the whole picture.

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import shutil
 import tempfile
 import warnings
@@ -15,12 +14,12 @@ import numpy as np
 from PIL.ExifTags import Base
 
 from ..errors import PictureError, RaytraceError, RaytraceWarning
-from ..util.files import strict
+from ..util.files import StrPath, strict
 from ..util.session import lack_of_memory
 from ..util.text import is_unicode
 from . import Transfer
 from .exif import BROKEN, exif_of, orientation_of, upright
-from .transfer import DECODERS, NEARLY, ColourSpace, largest_number
+from .transfer import DECODERS, NEARLY, ColourSpace, Meaning, largest_number
 
 KEY = "raytrace_jax"
 """The attribute of an OpenEXR file, and the keyword of a PNG file's text, that holds how a picture was made."""
@@ -44,21 +43,21 @@ class PictureFile:
     usual: Transfer = "srgb"
     """How integers were made where the file does not say it."""
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: StrPath) -> None:
         self.path = path
 
     def bits(self) -> int:
         """Of integers, 8 or 16; 0 is floats, which are scene-linear."""
         return 0
 
-    def meaning(self) -> Transfer | ColourSpace | None:
+    def meaning(self) -> Meaning:
         """How the file says that its numbers were made from light; None where it does not say."""
         try:
             return self.stated()
         except ValueError as cause:
             raise self.error(str(cause)) from cause
 
-    def stated(self) -> Transfer | ColourSpace | None:
+    def stated(self) -> Meaning:
         """As `meaning`, but for a ValueError where it cannot be, whose text completes "FILE: "."""
         return None
 
@@ -164,7 +163,8 @@ class LibraryFile(PictureFile):
             pixels = file.read_image(0, 0, 0, spec.nchannels, dtype if bits else "float")
             if pixels is None or file.has_error:
                 raise self.error(f"cannot be read: {_reason(file.geterror())}")
-        return upright(np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels), self.path)
+        shaped = np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels)
+        return upright(shaped, orientation_of(self.path))
 
     def numbers(self) -> np.ndarray:
         """Red, green and blue, by the names of the channels; a grey channel three times."""
@@ -219,9 +219,7 @@ def _reason(words: str) -> str:
     return (words.strip().splitlines() or ["it is broken"])[0].rstrip(".")
 
 
-def refuse_beyond_memory(
-    path: str | os.PathLike[str], what: str, width: int, height: int, *, bytes_per_pixel: int
-) -> None:
+def refuse_beyond_memory(path: StrPath, what: str, width: int, height: int, *, bytes_per_pixel: int) -> None:
     """Raise PictureError where there is no memory for what a file says that it has, before any is asked for.
 
     A file of some bytes may say that it has any size. The bytes are the least that a reader needs, so that no picture
@@ -231,7 +229,7 @@ def refuse_beyond_memory(
         raise PictureError(f"{path}: its {what}, {width} x {height} pixels, does not fit into memory: it {lack}")
 
 
-def to_json(path: str | os.PathLike[str], metadata: Mapping[str, object]) -> str:
+def to_json(path: StrPath, metadata: Mapping[str, object]) -> str:
     """Anything JSON can hold, NumPy and JAX numbers and arrays too. Raises PictureError, naming the file, else."""
     try:
         return json.dumps(strict(metadata, nulls=False))

@@ -1,18 +1,16 @@
 """Pictures of any format, known by their contents and not by their names."""
 
 import contextlib
-import os
 import warnings
 
 import numpy as np
 from PIL import Image
 
 from ..errors import PictureError, RaytraceWarning
-from ..util.files import read_bytes
+from ..util.files import StrPath, read_bytes
 from . import Transfer
 from .camera_files import RAW, RAW_STARTS, JpegFile, TiffFile
-from .exr import MAGIC
-from .exr_file import ExrFile
+from .exr import MAGIC, ExrFile
 from .hdr_ppm import HdrFile, PpmFile
 from .picture_file import PictureFile, PictureOrigin
 from .png import SIGNATURE, PngFile
@@ -28,7 +26,7 @@ FORMATS: dict[type[PictureFile], tuple[bytes, ...]] = {
 """How files of each format begin; a TIFF of more than 4 GB begins with `+`."""
 
 
-def read(path: str | os.PathLike[str], *, layer: str | None = None) -> PictureFile:
+def read(path: StrPath, *, layer: str | None = None) -> PictureFile:
     """The file of a picture: its numbers, what they mean and where they are from, each read when it is asked for.
 
     The layer is one of an OpenEXR file, when it is not obvious: `R G B`, else the only layer with R, G, B (`img.R`),
@@ -45,9 +43,7 @@ def read(path: str | os.PathLike[str], *, layer: str | None = None) -> PictureFi
     return kind(path)
 
 
-def read_picture(
-    path: str | os.PathLike[str], *, transfer: Transfer | None = None, layer: str | None = None
-) -> np.ndarray:
+def read_picture(path: StrPath, *, transfer: Transfer | None = None, layer: str | None = None) -> np.ndarray:
     """Read an OpenEXR, PNG, JPEG, TIFF, PPM or Radiance HDR picture as scene-linear float32 "3 height width".
 
     The top row is the first; a grey picture has three equal channels; what EXIF says of how it is turned is obeyed.
@@ -76,7 +72,7 @@ def read_picture(
     return light
 
 
-def read_whole_picture(path: str | os.PathLike[str], transfer: Transfer | None = None) -> np.ndarray:
+def read_whole_picture(path: StrPath, transfer: Transfer | None = None) -> np.ndarray:
     """As `read_picture`, but for a PictureError of a picture some of whose pixels are not stored."""
     light = read(path).light(transfer)
     if absent := _absent(light):
@@ -92,18 +88,18 @@ def _absent(light: np.ndarray) -> str:
     return words if missing.any() else ""
 
 
-def read_origin(path: str | os.PathLike[str]) -> PictureOrigin:
+def read_origin(path: StrPath) -> PictureOrigin:
     """Where a picture comes from; nothing of one that is not read."""
     return PictureOrigin({}, "") if _class_of(path) is None else read(path).origin()
 
 
-def states_colours(path: str | os.PathLike[str]) -> bool:
+def states_colours(path: StrPath) -> bool:
     """Whether a picture's file says how its numbers were made from light: all do but PPMs, and some PNGs and TIFFs."""
     file = read(path)
     return file.bits() == 0 or file.meaning() is not None
 
 
-def transfer_of_camera(path: str | os.PathLike[str]) -> Transfer | None:
+def transfer_of_camera(path: StrPath) -> Transfer | None:
     """How a camera has made the numbers of a file that does not say it: None where it does, as `states_colours`.
 
     Of 8 bits it is `srgb`, as cameras store pictures for screens; numbers of more bits mostly count light: `course`.
@@ -111,23 +107,24 @@ def transfer_of_camera(path: str | os.PathLike[str]) -> Transfer | None:
     return None if states_colours(path) else "course" if read(path).bits() > 8 else "srgb"
 
 
-def is_photograph(path: str | os.PathLike[str]) -> bool:
+def is_photograph(path: StrPath) -> bool:
     """Whether a picture is of a format that cameras write: a JPEG or a TIFF."""
     return _class_of(path) in (JpegFile, TiffFile)
 
 
-def is_jpeg(path: str | os.PathLike[str]) -> bool:
+def is_jpeg(path: StrPath) -> bool:
+    """Whether a file is a JPEG, by its first bytes."""
     return _class_of(path) is JpegFile
 
 
-def _class_of(path: str | os.PathLike[str]) -> type[PictureFile] | None:
+def _class_of(path: StrPath) -> type[PictureFile] | None:
     """The format of a file; None for what is not read."""
     start = read_bytes(path, count=16, error=PictureError)
     kinds = (kind for kind, magic in FORMATS.items() if start.startswith(magic) and not start.startswith(RAW_STARTS))
     return next(kinds, None)
 
 
-def _described(path: str | os.PathLike[str]) -> str:
+def _described(path: StrPath) -> str:
     """What a file that is not read is, and what to do."""
     start = read_bytes(path, count=64)
     if start.startswith(RAW_STARTS) or start[4:12] == b"ftypcrx ":

@@ -7,7 +7,6 @@ Of files that are written, a text of our own, which others pass over, tells the 
 
 import json
 import math
-import os
 import struct
 import zlib
 from collections.abc import Mapping
@@ -19,19 +18,21 @@ from jaxtyping import ArrayLike
 
 from .._version import __version__
 from ..errors import PictureError
-from ..util.files import atomic_write, read_bytes
+from ..util.files import StrPath, atomic_write, read_bytes
 from ..util.numerics import real_numbers
 from . import Bits, Transfer
-from . import transfer as transfers
 from .icc import read_profile
 from .picture_file import KEY, LibraryFile, PictureOrigin, to_json
 from .transfer import (
+    ENCODERS,
     LINEAR_SPACES,
     REC_709,
     Chromaticities,
     ColourSpace,
+    Meaning,
     power_curve,
     srgb_to_linear,
+    to_rec_709,
 )
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -58,7 +59,7 @@ _ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), 
 
 
 def write_png(
-    path: str | os.PathLike[str],
+    path: StrPath,
     rgb: ArrayLike | Mapping[str, ArrayLike],
     *,
     transfer: Transfer = "course",
@@ -79,8 +80,8 @@ def write_png(
             not exist, the metadata is not JSON, the file cannot be written.
     """
     where = f"{path}: cannot be written"
-    if transfer not in transfers.ENCODERS or bits not in get_args(Bits):
-        wanted = f"the transfers {' and '.join(transfers.ENCODERS)}, with 8 and 16 bits"
+    if transfer not in ENCODERS or bits not in get_args(Bits):
+        wanted = f"the transfers {' and '.join(ENCODERS)}, with 8 and 16 bits"
         raise PictureError(f"{where}: there is no transfer {transfer!r} with {bits} bits; there are {wanted}")
     if isinstance(rgb, Mapping):
         if not {"R", "G", "B"} <= rgb.keys():
@@ -97,7 +98,7 @@ def write_png(
         raise PictureError(f"{where}: its shape is {colours.shape}, and (3, height, width) is wanted")
     if not np.isfinite(colours).all():
         raise PictureError(f"{where}: {(~np.isfinite(colours)).sum()} of its numbers are NaN, infinite or masked")
-    samples = np.moveaxis(transfers.ENCODERS[transfer](colours, bits=bits), 0, -1)
+    samples = np.moveaxis(ENCODERS[transfer](colours, bits=bits), 0, -1)
     height, width, _ = samples.shape
     rows = samples.reshape(height, -1).astype(f">u{bits // 8}", order="C").view(np.uint8)
     # The filter "up" (2): each row is stored as the difference from the one above.
@@ -177,7 +178,7 @@ class PngFile(LibraryFile):
             self.tell("is animated, and only its first picture is read.")
         return super().stored()
 
-    def stated(self) -> Transfer | ColourSpace | None:
+    def stated(self) -> Meaning:
         """What our own chunk says, else the first in the standard's order: `cICP`, `iCCP`, `sRGB`, `gAMA`, `cHRM`."""
         for transfer in get_args(Transfer):
             if KEYWORD + b"\0" + transfer.encode() in self.chunks.get(b"tEXt", b""):
@@ -216,5 +217,5 @@ class PngFile(LibraryFile):
 
 
 def _space(name: str, curve, primaries: Chromaticities) -> Transfer | ColourSpace:
-    matrix = transfers.to_rec_709(primaries)
+    matrix = to_rec_709(primaries)
     return "srgb" if matrix is None and curve is srgb_to_linear else ColourSpace(name, curve, matrix)

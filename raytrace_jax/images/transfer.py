@@ -17,6 +17,15 @@ from . import Bits, Transfer
 Chromaticities = tuple[float, ...]
 """The x and y of red, green, blue and white, eight numbers (CIE 1931)."""
 
+Curve = Callable[[np.ndarray], np.ndarray]
+"""From numbers of a file, 0 to 1, to light."""
+
+Colours = Float[np.ndarray, "3 height width"]
+"""A picture, its top row first."""
+
+Numbers = Float[np.ndarray, "*shape"]
+"""Scene-linear numbers of any picture."""
+
 REC_709: Chromaticities = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 XYZ: Chromaticities = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)
 
@@ -81,7 +90,7 @@ def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
-def power_curve(exponent: float) -> Callable[[np.ndarray], np.ndarray]:
+def power_curve(exponent: float) -> Curve:
     """The curve of numbers that are the light to the power of `exponent`."""
     return lambda encoded: encoded ** (1 / exponent)
 
@@ -90,13 +99,17 @@ class ColourSpace(NamedTuple):
     """How the stored numbers of a file are read as light, where it is not simply by a transfer."""
 
     name: str  # What the file calls it.
-    curve: Callable[[np.ndarray], np.ndarray]  # From numbers, 0 to 1, "height width 3", to light in its primaries.
+    curve: Curve  # From numbers, 0 to 1, "height width 3", to light in its primaries.
     to_rec_709: np.ndarray | None = None  # From that light to Rec. 709's; None where these are its primaries.
 
     def decode(self, stored: np.ndarray) -> np.ndarray:
         """The scene-linear float64 colours of integers, or of floats, "height width 3"."""
         light = self.curve(np.asarray(stored, np.float64) / largest_number(stored))
         return light if self.to_rec_709 is None else light @ self.to_rec_709.T
+
+
+Meaning = Transfer | ColourSpace | None
+"""How a file says that its numbers were made from light; None where it does not say."""
 
 
 def rgb_to_xyz(chromaticities: Chromaticities) -> np.ndarray:
@@ -135,7 +148,7 @@ def linear_space(name: str, chromaticities: Chromaticities, *, adapts: bool = Fa
     return None if matrix is None else ColourSpace(name, power_curve(1.0), matrix)
 
 
-def rounding_of(colors: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+def rounding_of(colors: Numbers) -> Numbers:
     """How far storing may have moved scene-linear numbers: half a step of the coarsest way to store that all fit.
 
     These are 8 and 16 bits as the course's truncation, as sRGB and as rounded multiples of 1/255 or 1/65535, whose
@@ -155,7 +168,7 @@ def rounding_of(colors: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shap
     return np.zeros_like(colors)
 
 
-def _as_stored(decoded: np.ndarray, colors: Float[np.ndarray, "*shape"]) -> Int[np.ndarray, "*shape"] | None:
+def _as_stored(decoded: np.ndarray, colors: Numbers) -> Int[np.ndarray, "*shape"] | None:
     """The stored numbers that are decoded to some colours; None if not all of these are such."""
     # Of the two decoded numbers on either side the nearer one.
     above = np.clip(np.searchsorted(decoded, colors), 1, len(decoded) - 1)

@@ -14,19 +14,18 @@ from ..images.jpeg import JpegStorage
 from ..images.pictures import read_origin
 from ..scene.checks import check_values
 from ..scene.parameters import (
-    film_effects,
     get_parameter,
+    response_effects,
     row_of_names,
     scalar_names,
     set_parameters,
-    with_film,
+    with_response,
 )
-from ..scene.response import FILM_EFFECTS
+from ..scene.response import RESPONSE_EFFECTS
 from ..scene.scene import Scene
-from ..tracer.radiance import refuse_too_large
-from ..tracer.resolved_settings import ResolvedSettings
+from ..tracer.pixels import refuse_too_large
+from ..tracer.settings import ResolvedSettings
 from ..util.checked import refuse_other
-from .observe.sampling import stages_of
 from .options import FitOptions
 from .problem.fixed import root_covariance, stated_uncertainties, with_known_offsets
 from .problem.observation import Observation, observe
@@ -69,7 +68,7 @@ def build_problem(
         refuse_other(storage, JpegStorage, "jpeg_storage")
     check_values(scene)
     scene, free, ties = asked_for(scene, free, options)
-    if options.edges == "aware":  # Its samples are those of the target, which `inverse.observe.sampling` adds.
+    if options.edges == "aware":  # Its samples are those of the target, which `inverse.problem.sampling` adds.
         settings = dataclasses.replace(settings, samples=1)
     refuse_too_large(scene, settings, len(free))
 
@@ -87,9 +86,8 @@ def build_problem(
     uncertain = stated_uncertainties(scene, unknowns, options.uncertain)
     # Refuses what cannot be.
     root_covariance(list(uncertain), np.array(list(uncertain.values())), options.correlations)
-    stages = stages_of(options.target_samples, storage)
-    problem = Problem(scene, observation, unknowns, prior, settings, stages)
-    reach = math.ceil(problem.camera.reach(problem.values(problem.start())))
+    problem = Problem(scene, observation, unknowns, prior, settings, options.target_samples, storage)
+    reach = math.ceil(problem.response_reach(problem.start()))
     if reach:
         # The film mixes pixels: part of the light at the border comes from beyond it, so these do not count. With
         # them the blur of a ball before a board, 1.1 at 160 x 120, is off by 7 errors; without 4 rows by 2.
@@ -101,9 +99,9 @@ def build_problem(
 def inside(observation: Observation, margin: int) -> Float[np.ndarray, "height width"]:
     """1 for the pixels that are at least `margin` from the border, 0 for others; 1 for all if none of these counts."""
     height, width = observation.counts.shape
-    found = np.zeros((height, width))
-    found[margin : height - margin, margin : width - margin] = 1
-    return found if np.any(found * observation.counts) else np.ones_like(found)
+    weight = np.zeros((height, width))
+    weight[margin : height - margin, margin : width - margin] = 1
+    return weight if np.any(weight * observation.counts) else np.ones_like(weight)
 
 
 def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[Scene, tuple[str, ...], dict[str, str]]:
@@ -116,12 +114,16 @@ def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[S
     if options.fit_exposure:  # A gain and an offset that all channels have in common.
         free += ["film.gain.r", "film.offset.r"]
         ties |= {f"film.{name}.{channel}": f"film.{name}.r" for name in ("gain", "offset") for channel in "gb"}
-    scene = with_film(scene, [*free, *ties, *ties.values(), *options.priors, *options.uncertain, *options.profiles])
+    scene = with_response(scene, [*free, *ties, *ties.values(), *options.priors, *options.uncertain, *options.profiles])
     names = scalar_names(scene, free)
     # The film's free numbers that are 0 begin at their effect's start, if it has one.
-    starts = {effect.name: effect.start for effect in FILM_EFFECTS if effect.start is not None}
-    effects = film_effects(scene, names).items()
-    values = {name: starts[one] for name, one in effects if one in starts and float(get_parameter(scene, name)) == 0}
+    starts = {effect.name: effect.start for effect in RESPONSE_EFFECTS if effect.start is not None}
+    effect_of = response_effects(scene, names).items()
+    values = {
+        name: starts[effect]
+        for name, effect in effect_of
+        if effect in starts and float(get_parameter(scene, name)) == 0
+    }
     return set_parameters(scene, values), names, ties
 
 

@@ -1,5 +1,6 @@
 """The fit: from a target picture to the values of a scene's free parameters, and how far they can be trusted."""
 
+import copy
 import dataclasses
 import warnings
 from collections.abc import Callable, Sequence
@@ -11,21 +12,19 @@ from ..errors import RaytraceWarning
 from ..images.jpeg import JpegStorage
 from ..images.masks import mask_in_words
 from ..scene.scene import Scene
-from ..tracer.resolved_settings import resolve_settings
-from ..tracer.settings import RenderSettings
-from ..util.background import run_beside
+from ..tracer.settings import RenderSettings, resolve_settings
+from ..util.background import Clock, run_beside
 from ..util.checked import refuse_other
 from .build_problem import FitSetup, build_problem
 from .judge.model_check import check_model, expected_error
 from .judge.uncertainty import quantify_uncertainty
-from .observe.sampling import COARSE_SAMPLES, cached_detection, supersampled
 from .options import FitOptions
+from .problem.sampling import COARSE_SAMPLES, supersampled
+from .progress import Progress
 from .result import FitResult, FitStep
-from .solve.candidates import unseen_balls, with_open
-from .solve.profile import find_profile
-from .solve.refine import select_solution
+from .solve.candidates import unseen_balls
+from .solve.refine import find_profile, select_solution
 from .solve.search import choose_levels, find_minima
-from .solve.steps import Recorder
 from .status import make_result
 
 
@@ -76,55 +75,55 @@ def fit(
     setup = setup._replace(problem=setup.problem.in_own_unit())
     if options.sigma is not None:
         options = dataclasses.replace(options, sigma=options.sigma / setup.problem.unit)
-    # The stages run beside this thread, so that Ctrl-C and the clock can end them at any time.
-    recorder = Recorder(setup.problem, on_step, on_phase, options.max_seconds)
+    # The fit runs beside this thread, so that Ctrl-C and the clock can end it at any time.
+    clock = Clock(options.max_seconds, lambda: on_phase("stopping ...") if on_phase else None)
+    progress = Progress(setup.problem, on_step, on_phase, clock)
     stopped = None
     try:
-        run_beside(lambda: find(setup, options, recorder), recorder.check_clock, recorder.stop)
+        run_beside(lambda: find(setup, options, progress), clock)
     except KeyboardInterrupt:
         stopped = "interrupted by the user"
     except TimeoutError:
         stopped = f"stopped after {options.max_seconds:g} seconds"
-    return make_result(setup, options, recorder, stopped)
+    return make_result(setup, options, copy.copy(progress.findings), stopped)
 
 
-def find(setup: FitSetup, options: FitOptions, recorder: Recorder) -> None:
-    """Run all stages of a fit; the recorder keeps what each finds."""
+def find(setup: FitSetup, options: FitOptions, progress: Progress) -> None:
+    """Run all phases of a fit; its findings are those of `progress`."""
     # The answer: minima of small pictures, and the best of them on the whole picture.
-    problem = setup.problem
-    levels, detect = choose_levels(problem, options), cached_detection(problem)
-    minima = find_minima(problem, levels, options.edges, options.search, recorder)
-    recorder.found(minima=tuple(minima))
-    stated = setup.uncertain, options.correlations, recorder.check_clock
+    problem, findings = setup.problem, progress.findings
+    levels, stated = choose_levels(problem, options), (setup.uncertain, options.correlations, progress.clock.check)
+    minima = find_minima(problem, levels, options, progress)
+    findings.minima = tuple(minima)
     minima, solution = select_solution(
-        problem, minima, len(levels.blurs), options, recorder, detect, lambda state: expected_error(state, *stated)
+        problem, minima, len(levels), options, progress, lambda state: expected_error(state, *stated)
     )
-    recorder.found(minima=tuple(minima), solution=solution)
+    findings.minima, findings.solution = tuple(minima), solution
 
     # What is wrong with it: pixels that are not finite, and balls that the target does not show.
     bad = np.asarray(solution.linearization.bad) & problem.observation.counts
     if bad.any():
         words = f"{mask_in_words(bad)}, in the fitted picture or a derivative. They do not count."
         warnings.warn(words, RaytraceWarning, stacklevel=2)
-    uncertainty, unseen = quantify_uncertainty(solution, options.sigma), unseen_balls(solution)
-    for names in unseen.values():
-        uncertainty = with_open(uncertainty, problem.unknowns.names, names)
-    recorder.found(uncertainty=uncertainty, unseen=unseen)
+    findings.unseen = unseen_balls(solution)
+    uncertainty = quantify_uncertainty(solution, options.sigma)
+    opened = [name for names in findings.unseen.values() for name in names]
+    findings.uncertainty = uncertainty = uncertainty.opened(problem.unknowns.names, opened)
 
     # The picture at the start is sampled as that of the solution, to be compared with it.
-    recorder.phase("rendering the start")
+    progress.phase("rendering the start")
     samples = problem.base.samples if solution.stage.edges == "point" else COARSE_SAMPLES
-    recorder.found(start_image=supersampled(problem, problem.start(), samples))
+    findings.start_image = supersampled(problem, problem.start(), samples)
     if np.all(np.isnan(uncertainty.standard_error)):
         return
 
     # What follows counts in standard errors: profiles, and whether the model is right.
     for place in setup.profiled:
-        recorder.phase(f"profile of {problem.unknowns.names[place]}")
-        profile = find_profile(solution, place, uncertainty, options.max_steps, recorder)
-        recorder.found(profiles=(*recorder.findings.profiles, profile))
-    recorder.phase("checking the model")
+        progress.phase(f"profile of {problem.unknowns.names[place]}")
+        profile = find_profile(solution, place, uncertainty, options.max_steps, progress)
+        findings.profiles = (*findings.profiles, profile)
+    progress.phase("checking the model")
     try:
-        recorder.found(check=check_model(solution, uncertainty.standard_error, *stated))
+        findings.check = check_model(solution, uncertainty.standard_error, *stated)
     except np.linalg.LinAlgError as reason:  # LAPACK cannot factorise a matrix: the fit has its answer all the same.
         warnings.warn(f"the model could not be checked: {reason}.", RaytraceWarning, stacklevel=2)

@@ -1,24 +1,30 @@
-"""The residual of a picture as a function for an optimisation of one's own, with optimistix, optax or anything else."""
+"""The residual of a picture as a function for an optimisation of one's own, and the error bars of where that ends."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..errors import ParameterError
 from ..images.filters import gaussian_blur
 from ..scene.scene import Scene
-from ..tracer.pure import picture_at
-from ..tracer.resolved_settings import ResolvedSettings, resolve_settings
-from ..tracer.settings import RenderSettings
-from ..util.numerics import real_numbers, with_lower_ranks
+from ..tracer.rendering import picture_at
+from ..tracer.settings import RenderSettings, ResolvedSettings, resolve_settings
+from ..util.checked import refuse_other
+from ..util.numerics import is_traced, real_numbers, with_lower_ranks
 from .build_problem import build_problem
-from .options import FitOptions
+from .judge.uncertainty import quantify_uncertainty
+from .options import FitOptions, Stage
 from .problem.observation import Observation
-from .problem.unknowns import Unknowns
+from .problem.problem import FitState, Problem
+from .problem.sampling import lattice_size, resampled, supersampled
+from .problem.unknowns import Covariance, Unknowns, Values, make_prior
+from .solve.solvers import gauss_newton_step
 
 
 class PictureResidual(eqx.Module):
@@ -70,16 +76,16 @@ class PictureResidual(eqx.Module):
     def _checked(self, y: ArrayLike) -> Float[Array, " parameters"]:
         """The unknowns as an array. Raises ParameterError: there are not as many, or they are no real numbers."""
         try:
-            found = y if isinstance(y, Array) else jnp.asarray(real_numbers(y), self.start.dtype)
+            unknowns = y if isinstance(y, Array) else jnp.asarray(real_numbers(y), self.start.dtype)
         except ValueError as reason:
             raise ParameterError(f"the row of unknowns {reason}.") from None
-        if found.shape != self.start.shape or not jnp.issubdtype(found.dtype, jnp.floating):
+        if unknowns.shape != self.start.shape or not jnp.issubdtype(unknowns.dtype, jnp.floating):
             names = ", ".join(self.unknowns.names)
             raise ParameterError(
-                f"the unknowns have the shape {found.shape} and the dtype {found.dtype}; one real number is wanted for "
-                f"each of {names}, in the shape {self.start.shape}."
+                f"the unknowns have the shape {unknowns.shape} and the dtype {unknowns.dtype}; one real number is "
+                f"wanted for each of {names}, in the shape {self.start.shape}."
             )
-        return found
+        return unknowns
 
     def parameters(self, y: Float[ArrayLike, " parameters"]) -> dict[str, Float[Array, ""]]:
         """The value of each free parameter at unknowns `y`."""
@@ -140,3 +146,118 @@ def make_residual(
         settings=settings,
         target_samples=target_samples,
     )
+
+
+class ErrorBars(NamedTuple):
+    """How sure values are; made by `covariance`.
+
+    Args:
+        names: the parameters, in the order of the unknowns.
+        standard_error: one standard deviation of each value; infinity where the pictures do not determine it, NaN where
+            sums of squares are beyond the dtype.
+        covariance: that of the values; its root is the standard error where that is finite.
+        weakest: the combination of parameters that the pictures determine least, in words.
+    """
+
+    names: tuple[str, ...]
+    standard_error: Values
+    covariance: Covariance
+    weakest: str
+
+
+def covariance(
+    problem: PictureResidual | Sequence[PictureResidual],
+    y: ArrayLike,
+    *,
+    sigma: float | None = None,
+) -> ErrorBars:
+    """The covariance of the parameters' values (not of the unknowns) at the end of a loop of one's own.
+
+    Unknowns `y` are taken for the minimum of the sum of squares of `residual(y)`, without a blur; of several problems,
+    for that of all their sums of squares together. Weights say how the noise of the pictures compares. The errors are
+    those of `fit`: the sandwich `H^-1 M H^-1`, which holds whatever the noise's distribution, also where neighbours go
+    together. M is taken from what the residuals show, with what the target's storage adds; the noise of two pictures
+    is independent. Where `y` is not quite the minimum the step that is left to it is added. Errors say nothing of a
+    scene that is wrong: look at the residual.
+
+    Args:
+        problem: made by `make_residual`; or several with the same unknowns, such as two cameras or two colours.
+        y: concrete values, outside of JAX's transformations.
+        sigma: standard deviation of the noise in one channel of a pixel of weight 1, in the target's unit: no error is
+            below what such noise makes. None: what the residuals show is all.
+
+    Returns:
+        The names, their standard errors and covariance.
+
+    Raises:
+        ParameterError: no problem, or problems with other unknowns; not one real number for each; a traced `y`; a sigma
+            that is not above 0.
+    """
+    problems = [problem] if isinstance(problem, PictureResidual) else list(problem)
+    if not problems:
+        raise ParameterError("covariance has no problem; one that make_residual has made is wanted, or several.")
+    for each in problems:
+        refuse_other(each, PictureResidual, "make_residual")
+    if is_traced((problems, y)):
+        raise ParameterError("covariance wants concrete values: call it outside of JAX's transformations.")
+    _refuse_other_unknowns(problems)
+    sigma, reach = FitOptions(sigma=sigma).sigma, problems[0].unknowns.reach
+    problems[0].parameters(y)  # Refuses what is no row of unknowns.
+    place = np.clip(np.asarray(y), *reach)  # Beyond a bound the picture is that of the bound.
+
+    # All residuals in one unit, so that they compare as in the loop.
+    first = _problem_of(problems[0]).in_own_unit()
+    states = [_state_at(_problem_of(each).in_own_unit(first.unit), each, place) for each in problems]
+    step = _step_left(states)
+    states[0] = dataclasses.replace(states[0], next_step=step)
+    uncertainty = quantify_uncertainty(states[0], None if sigma is None else sigma / first.unit, *states[1:])
+    return ErrorBars(first.unknowns.names, uncertainty.standard_error, uncertainty.covariance, uncertainty.weakest)
+
+
+def _refuse_other_unknowns(problems: Sequence[PictureResidual]) -> None:
+    """Raise ParameterError where a row of unknowns does not mean the same values to all problems."""
+    first = problems[0].unknowns
+    for position, other in enumerate((each.unknowns for each in problems[1:]), 2):
+        if other.names != first.names:
+            raise ParameterError(
+                f"problem 1 has the unknowns {', '.join(first.names)}, and problem {position} has "
+                f"{', '.join(other.names)}; all problems need the same ones in the same order."
+            )
+        for name, here, there in zip(first.names, first.transforms, other.transforms, strict=True):
+            if here != there:
+                raise ParameterError(
+                    f"the unknown of {name} is in units of {here.width:g} in problem 1, and of {there.width:g} in "
+                    f"problem {position}: the same number would be two values. Units follow from what the camera "
+                    "shows, and those of light from the target's brightness."
+                )
+
+
+def _problem_of(picture: PictureResidual) -> Problem:
+    """The problem of a fit whose picture is that of the residual."""
+    prior = make_prior({}, picture.unknowns, picture.start.dtype)
+    samples = picture.target_samples
+    return Problem(picture.scene, picture.observation, picture.unknowns, prior, picture.settings, samples)
+
+
+def _state_at(problem: Problem, picture: PictureResidual, place: Values) -> FitState:
+    """The state of a fit whose residual and derivative are those of the loop."""
+    stage, y = Stage(picture.settings.edges or "aware"), problem.array(place)
+    picture_there = problem.picture(y, stage.edges)
+    if picture.settings.edges is None:  # The picture of points, with the derivative of areas.
+        points = supersampled(problem, y, picture.settings.samples)
+        picture_there = dataclasses.replace(picture_there, image=problem.array(points))
+    confusion = resampled(problem, y, stage, lattice_size()).confusion() if stage.edges == "aware" else None
+    return FitState(problem, y, stage, problem.linearize(y, stage, picture_there), confusion=confusion)
+
+
+def _step_left(states: Sequence[FitState]) -> Values:
+    """The step of Gauss and Newton to the minimum of all sums of squares, as far as the bounds allow."""
+    first = states[0]
+    parts = {
+        name: jnp.asarray(np.concatenate([np.asarray(getattr(state.linearization, name)) for state in states]))
+        for name in ("jacobian", "residual")
+    }
+    curvature = sum(np.asarray(state.linearization.curvature) for state in states)
+    joint = dataclasses.replace(first.linearization, **parts, curvature=jnp.asarray(curvature))
+    y = np.asarray(first.y, np.float64)
+    return np.clip(y + gauss_newton_step(joint), *first.problem.unknowns.reach) - y

@@ -5,19 +5,20 @@ import functools
 import html
 import math
 import os
-from typing import Literal
+from collections.abc import Iterable
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..errors import ParameterError
 from ..scene.scene import Scene
-from ..tracer.resolved_settings import ResolvedSettings
+from ..tracer.settings import ResolvedSettings
+from ..util.digits import value_and_error, with_error
 from ..util.text import aligned, did_you_mean, listed
-from .judge.assumptions import Dependence, ModelCheck, dependences
+from .judge.model_check import Dependence, ModelCheck
 from .judge.uncertainty import Uncertainty, correlation_of
 from .result_file import load_record
-from .result_rows import Estimate, EstimateRow, estimate_table
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
 
@@ -89,27 +90,108 @@ class Profile:
     interval: tuple[float, float]
 
 
-@dataclasses.dataclass(frozen=True)
-class FitPictures:
-    """The pictures of a fit and how they differ.
+class Estimate(NamedTuple):
+    """One number of the answer; every table of the estimates is written from these.
 
     Args:
-        start, estimate: the picture at the start and at the estimate, under the camera response there; None where the
-            fit was stopped before it was rendered.
-        rms_residual: root mean square of estimate minus target over all pixels that count and channels, unblurred; NaN
+        name, label: as the user spelled it, and as people read it: the name of a vector whose other two numbers are
+            tied to the free one.
+        initial: the scene's value, from which the fit started.
+        error: the total standard deviation, of noise and systematic errors together; infinity where the picture does
+            not determine the number, NaN where the error is unknown.
+        standard_error, systematic_error: its part of noise alone; and of what was stated to be uncertain, and of model
+            errors seen in the residual: 0 without them.
+        resolution, cramer_rao: as in `Uncertainty`.
+    """
+
+    name: str
+    label: str
+    unit: str
+    initial: float
+    value: float
+    error: float
+    standard_error: float
+    systematic_error: float
+    resolution: float
+    cramer_rao: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval, of a normal distribution with this error; a profile's is in `FitResult.profiles`."""
+        half = 1.95996 * self.error  # That many standard deviations on either side hold 95 % of a normal distribution.
+        return self.value - half, self.value + half
+
+    def text(self, long: bool = False) -> str:
+        """The value with its error as people write it, `1.337(2)`; `long` writes `1.337 +- 0.002`."""
+        return with_error(self.value, self.error, long)
+
+    def __str__(self) -> str:
+        return self.text()
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class FitResult:
+    """The estimate, how sure it is, and how it came about.
+
+    Args:
+        status: how the fit ended. `converged`: the solver came to rest, the picture is explained, and it determines
+            every parameter; `ambiguous`: another minimum explains it as well; `degenerate`: some parameter or
+            combination is not determined; `model_incomplete`: the residual is more than noise, so that something in the
+            target is not as the scene says; `not_converged`: the solver still moved, or the picture is far from
+            explained; `interrupted`: stopped by the user or a budget.
+        message, advice: why, and what to do about it, in words; the latter is empty where nothing helps.
+        at_bound: (name, bound) of each estimate that ran to the end of its range.
+        names: the free scalar parameters, as the user spelled them.
+        initial, units: of the free parameters: the scene's values, from which the fit started.
+        priors: (name, mean, standard deviation) of each prior.
+        ties: (follower, leader) of each tie.
+        loss: the loss of the last level, `l2` or `cauchy`; the requested one where the fit did not reach that level.
+        target_samples: n, where each of the target's pixels was taken for the mean of n x n samples on a regular grid;
+            1 is a point, None the mean over the whole pixel.
+        check: the fixed numbers that they depend on, and what the residual shows beside noise.
+        start_image, image: the picture at the start and at the estimate, under the camera's response there; None where
+            the fit was stopped before it was rendered.
+        rms_residual: root mean square of image minus target over all pixels that count and channels, unblurred; NaN
             where the fit was stopped before.
         typical_residual: a robust estimate of the residuals' size: the standard deviation of a normal distribution with
             the median magnitude of the residuals that depend on a free parameter. A few outliers do not change it.
         left_out: how many pixels a robust loss counts for a hundredth or less.
+        steps: the solver's steps, in the order in which they were made.
+        candidate: the start that led to the estimate, as in `FitStep`.
+        runner_ups: the other minima, best first.
+        provenance: what was fitted, when and how, in words: `date`, `target_sha256`, and `seconds` up to the last step.
+            From the command line also `target`, the file whose hash it is, `target_bytes`, its size, `command`, and
+            `seconds_after_the_last_step`, in which the estimate was judged.
     """
 
+    status: Status
+    message: str
+    advice: str
+    at_bound: tuple[tuple[str, float], ...]
+    names: tuple[str, ...]
+    value: Float[np.ndarray, " parameters"]
+    initial: Float[np.ndarray, " parameters"]
+    units: tuple[str, ...]
+    priors: tuple[tuple[str, float, float], ...]
+    ties: tuple[tuple[str, str], ...]
+    loss: str
+    target_samples: int | None
+    uncertainty: Uncertainty
+    check: ModelCheck
+    profiles: tuple[Profile, ...]
+    scene: Scene
+    settings: ResolvedSettings
     target: Float[np.ndarray, "3 height width"]
     weights: Float[np.ndarray, "3 height width"]
-    start: Float[np.ndarray, "3 height width"] | None = None
-    estimate: Float[np.ndarray, "3 height width"] | None = None
+    start_image: Float[np.ndarray, "3 height width"] | None = None
+    image: Float[np.ndarray, "3 height width"] | None = None
     rms_residual: float = math.nan
     typical_residual: float = math.nan
     left_out: int = 0
+    steps: tuple[FitStep, ...] = ()
+    candidate: int = 0
+    runner_ups: tuple[Minimum, ...] = ()
+    provenance: dict[str, str] = dataclasses.field(default_factory=dict)
 
     @property
     def counts(self) -> Bool[np.ndarray, "height width"]:
@@ -119,129 +201,12 @@ class FitPictures:
     @functools.cached_property
     def residual_pixels(self) -> int:
         """How few pixels hold nine tenths of the sum of the residual's squares; 0 where there is none."""
-        if self.estimate is None:
+        if self.image is None:
             return 0
-        off = np.where(self.weights > 0, self.estimate - self.target, 0)
+        off = np.where(self.weights > 0, self.image - self.target, 0)
         squares = np.sort(np.sum(off**2, axis=0)[self.counts])[::-1]
         total = squares.sum()
         return 1 + int(np.searchsorted(np.cumsum(squares), 0.9 * total)) if total > 0 else 0
-
-
-@dataclasses.dataclass(frozen=True)
-class FitHistory:
-    """The steps to an estimate, and the other minima.
-
-    Args:
-        candidate: the start that led to the estimate, as in `FitStep`.
-    """
-
-    steps: tuple[FitStep, ...]
-    candidate: int
-    runner_ups: tuple[Minimum, ...]
-
-
-@dataclasses.dataclass(frozen=True)
-class Ending:
-    """How a fit ended.
-
-    Args:
-        status: a word that `FitResult` explains.
-        at_bound: (name, bound) of each estimate that ran to the end of its range.
-    """
-
-    status: Status
-    message: str
-    advice: str
-    at_bound: tuple[tuple[str, float], ...] = ()
-
-
-@dataclasses.dataclass(frozen=True)
-class Given:
-    """What a fit started from, and how it compared the pictures.
-
-    Args:
-        initial, units: of the free parameters.
-        priors: (name, mean, standard deviation) of each prior.
-        ties: (follower, leader) of each tie.
-        loss: the loss of the last level, `l2` or `cauchy`; the requested one where the fit did not reach that level.
-        target_samples: n, where each of the target's pixels was taken for the mean of n x n samples on a regular grid;
-            1 is a point, None the mean over the whole pixel.
-    """
-
-    initial: Float[np.ndarray, " parameters"]
-    units: tuple[str, ...]
-    priors: tuple[tuple[str, float, float], ...] = ()
-    ties: tuple[tuple[str, str], ...] = ()
-    loss: str = "l2"
-    target_samples: int | None = None
-
-
-@dataclasses.dataclass(frozen=True, repr=False)
-class FitResult:
-    """The estimate, how sure it is, and how it came about.
-
-    Args:
-        ending: the status and its reason; `result.status`, `result.message` and `result.advice` are its. `converged`:
-            the solver came to rest, the picture is explained, and it determines every parameter; `ambiguous`: another
-            minimum explains it as well; `degenerate`: some parameter or combination is not determined;
-            `model_incomplete`: the residual is more than noise, so that something in the target is not as the scene
-            says; `not_converged`: the solver still moved, or the picture is far from explained; `interrupted`: stopped
-            by the user or a budget.
-        names: the free scalar parameters, as the user spelled them.
-        check: the fixed numbers that they depend on, and what the residual shows beside noise.
-        given: starts, priors, ties and the loss; `result.initial` and `result.target_samples` are its.
-        provenance: what was fitted, when and how, in words: `date`, `target_sha256`, and `seconds` up to the last step.
-            From the command line also `target`, the file whose hash it is, `target_bytes`, its size, `command`, and
-            `seconds_after_the_last_step`, in which the estimate was judged.
-    """
-
-    ending: Ending
-    names: tuple[str, ...]
-    value: Float[np.ndarray, " parameters"]
-    uncertainty: Uncertainty
-    check: ModelCheck
-    profiles: tuple[Profile, ...]
-    given: Given
-    scene: Scene
-    settings: ResolvedSettings
-    pictures: FitPictures
-    history: FitHistory
-    provenance: dict[str, str] = dataclasses.field(default_factory=dict)
-
-    @property
-    def status(self) -> Status:
-        """How the fit ended, in a word: `converged`, `ambiguous` and so on."""
-        return self.ending.status
-
-    @property
-    def message(self) -> str:
-        """Why the status is what it is, in words."""
-        return self.ending.message
-
-    @property
-    def advice(self) -> str:
-        """What to do about the status, in words; empty where nothing helps."""
-        return self.ending.advice
-
-    @property
-    def initial(self) -> Float[np.ndarray, " parameters"]:
-        """The scene's values of the free numbers, from which the fit started, in the order of `names`."""
-        return self.given.initial
-
-    @property
-    def target_samples(self) -> int | None:
-        """n, where the target's pixels were taken for means of n x n samples; 1 is a point, None the whole pixel."""
-        return self.given.target_samples
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """The names as people read them: that of a vector whose other two numbers are tied to the free one."""
-        stems = [name.rpartition(".")[0] for name in self.names]
-        tied = [
-            sum(leader == name and follower.rpartition(".")[0] == stem for follower, leader in self.given.ties)
-            for name, stem in zip(self.names, stems, strict=True)
-        ]
-        return tuple(stem if n == 2 else name for name, stem, n in zip(self.names, stems, tied, strict=True))
 
     @property
     def standard_error(self) -> Float[np.ndarray, " parameters"]:
@@ -266,28 +231,33 @@ class FitResult:
     @property
     def depends_on(self) -> dict[str, Dependence]:
         """For each estimate the number that counts as exact and on which it depends most; by name."""
-        found = dependences(self.check.assumptions, self.names, self.total_error)
-        return {one.estimate: one for one in found}
+        errors = enumerate(zip(self.names, map(float, self.total_error), strict=True))
+        rests = {name: self.check.dependence(k, name, error) for k, (name, error) in errors}
+        return {name: dependence for name, dependence in rests.items() if dependence}
 
     @property
     def rests_on(self) -> str:
         """A sentence on what the first free number depends on most; empty where there is nothing."""
-        found = self.depends_on.get(self.names[0])
-        return found.words if found else ""
+        dependence = self.depends_on.get(self.names[0])
+        return dependence.words if dependence else ""
 
     @property
-    def rows(self) -> list[EstimateRow]:
-        """The rows of the table of estimates, one for each free number."""
-        sure, given = self.uncertainty, self.given
-        numbers = [given.initial, self.value, self.standard_error, sure.resolution]
-        numbers += [self.systematic_error, self.total_error, sure.cramer_rao]
-        columns = self.names, self.labels, given.units, *(column.tolist() for column in numbers)
-        return [EstimateRow(*row) for row in zip(*columns, strict=True)]
+    def labels(self) -> tuple[str, ...]:
+        """The names as people read them, see `Estimate`."""
+        return tuple(estimate.label for estimate in self.parameters.values())
 
     @property
     def parameters(self) -> dict[str, Estimate]:
-        """The estimates by name, each with its total error and its unit."""
-        return {row.name: Estimate(row.value, row.total_error, row.unit) for row in self.rows}
+        """The estimates by name."""
+        # A vector whose other two numbers are tied to the free one.
+        stems = [name.rpartition(".")[0] for name in self.names]
+        followers = [(follower.rpartition(".")[0], leader) for follower, leader in self.ties]
+        tied = [followers.count((stem, name)) for name, stem in zip(self.names, stems, strict=True)]
+        labels = [stem if n == 2 else name for name, stem, n in zip(self.names, stems, tied, strict=True)]
+        numbers = [self.initial, self.value, self.total_error, self.standard_error, self.systematic_error]
+        numbers += [self.uncertainty.resolution, self.uncertainty.cramer_rao]
+        rows = zip(self.names, labels, self.units, *(column.tolist() for column in numbers), strict=True)
+        return {row[0]: Estimate(*row) for row in rows}
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of a free number, as `result["glass.ior"]`: its value, its error, its unit, its interval.
@@ -295,15 +265,15 @@ class FitResult:
         Raises:
             ParameterError: the number was not free, or there is none of that name.
         """
-        found = self.parameters
-        if name not in found:
-            suggestion = did_you_mean(name, found)
-            raise ParameterError(f"the fit has no free number {name}.{suggestion} Free: {listed(found)}.")
-        return found[name]
+        estimates = self.parameters
+        if name not in estimates:
+            suggestion = did_you_mean(name, estimates)
+            raise ParameterError(f"the fit has no free number {name}.{suggestion} Free: {listed(estimates)}.")
+        return estimates[name]
 
     def summary(self) -> str:
         """What the command line prints: the estimates, a line each, and the last word."""
-        heads, rows = estimate_table(self.rows)
+        heads, rows = estimate_table(self.parameters.values())
         return "\n".join([*aligned([heads, *rows]), last_word(self)])
 
     def save(self, folder: str | os.PathLike[str], *, long: bool = False, pdf: bool = False) -> None:
@@ -340,14 +310,35 @@ class FitResult:
         return load_record(folder, FitResult)
 
     def __repr__(self) -> str:
-        return f"<FitResult {self.status}: {', '.join(f'{n} {found}' for n, found in self.parameters.items())}>"
+        estimates = ", ".join(f"{name} {estimate}" for name, estimate in self.parameters.items())
+        return f"<FitResult {self.status}: {estimates}>"
 
     def _repr_html_(self) -> str:
-        heads, rows = estimate_table(self.rows)
+        heads, rows = estimate_table(self.parameters.values())
         table = ""
         for tag, texts in (("th", heads), *(("td", row) for row in rows)):
             table += f"<tr>{''.join(f'<{tag}>{html.escape(text)}</{tag}>' for text in texts)}</tr>"
         return f"<table>{table}</table><p>{html.escape(last_word(self))}</p>"
+
+
+def estimate_table(estimates: Iterable[Estimate], long: bool = False) -> tuple[list[str], list[tuple[str, ...]]]:
+    """The heads and rows of a table of the estimates: name, start, estimate with the error to publish, and its parts.
+
+    `long` writes `1.337 +- 0.002` in place of `1.337(2)`.
+    """
+    # No error is shown if none is known, and its parts only if there are several.
+    estimates, heads = list(estimates), ["parameter", "initial", "estimate"]
+    is_known = not all(math.isnan(each.standard_error) for each in estimates)
+    rows = [
+        (each.label, f"{each.initial:.8g}", each.text(long) if is_known else f"{each.value:.8g}") for each in estimates
+    ]
+    if not (is_known and any(each.systematic_error > 0 for each in estimates)):
+        return heads, rows
+    parts = [
+        tuple(value_and_error(0.0, error)[1] for error in (each.standard_error, each.systematic_error))
+        for each in estimates
+    ]
+    return [*heads, "of noise", "of the model"], [row + part for row, part in zip(rows, parts, strict=True)]
 
 
 def last_word(result: FitResult) -> str:

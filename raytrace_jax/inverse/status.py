@@ -2,10 +2,10 @@
 
 import dataclasses
 import datetime
-import functools
 import hashlib
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
@@ -13,17 +13,17 @@ from jaxtyping import Bool
 from ..scene.parameters import resolve
 from ..util.numerics import MAD_TO_SIGMA
 from ..util.text import listed
-from . import result
 from .build_problem import FitSetup
-from .judge.assumptions import Contradiction, ModelCheck, contradicted, looks_like, short_count
+from .judge.model_check import Contradiction, ModelCheck, contradicted, short_count
 from .judge.structure import EVIDENCE, is_near
 from .judge.uncertainty import Uncertainty, quantify_uncertainty
-from .observe.sampling import samples_of
 from .options import FitOptions
-from .problem.problem import FitState, Problem
-from .solve.steps import Findings, Recorder, bounds_reached
+from .problem.problem import FitState
+from .progress import Findings
+from .result import PROFILE_95, FitResult, Profile, Status
+from .solve.solvers import bounds_reached
 
-Verdict = tuple[result.Status, str, str]
+Verdict = tuple[Status, str, str]
 """The word for how a fit ended, why, and what to do."""
 
 
@@ -36,12 +36,20 @@ def fit_status(findings: Findings, explained: bool, excess: float, max_steps: in
     """
     solution, sure, check = findings.solution, findings.uncertainty, findings.check
     assert solution is not None and sure is not None and check is not None
-    looks, rest = looks_like(check.causes), rest_in_words(solution)
-    cause = f"{check.causes[0].advice}; or state how well it is known with --uncertain" if check.causes else ""
-    unknown = [stage.advice for stage in solution.problem.stages if stage.advice]
     rivals = [rival for rival, _, _ in findings.minima[1:] if rival.explained and rival.evidence < EVIDENCE]
-    least = min((rival.evidence for rival in rivals), default=0.0)
-    rows: list[tuple[bool, result.Status, str, str]] = [
+    rows = [
+        *solve_verdicts(solution, sure, tuple(findings.unseen), explained, check.looks, max_steps),
+        *model_verdicts(sure, check, excess, [rival.evidence for rival in rivals]),
+    ]
+    return next(row[1:] for row in rows if row[0])
+
+
+def solve_verdicts(
+    solution: FitState, sure: Uncertainty, unseen: Sequence[str], explained: bool, looks: str, max_steps: int
+) -> list[tuple[bool, Status, str, str]]:
+    """What may be wrong with a solve: whether it is, and the verdict if so."""
+    known = "" if solution.problem.samples else "say how the target was sampled with --target-samples, "
+    return [
         # No answer: the picture is broken, or far from the target.
         (
             not solution.linearization.is_finite,
@@ -52,7 +60,7 @@ def fit_status(findings: Findings, explained: bool, excess: float, max_steps: in
         (
             not explained,
             "not_converged",
-            f"{rest}, but the residual shows structure: the picture is far from explained{looks}",
+            f"{rest_in_words(solution)}, but the residual shows structure: the picture is far from explained{looks}",
             "look at the residual: start nearer, free what differs, mask what the scene lacks, or check the settings",
         ),
         # An answer whose error is unknown or without end.
@@ -64,9 +72,9 @@ def fit_status(findings: Findings, explained: bool, excess: float, max_steps: in
             "scale the target to colours of about 1 (its values may now be 0 to 255), or use --precision 64",
         ),
         (
-            bool(findings.unseen),
+            bool(unseen),
             "degenerate",
-            f"the target does not show {listed(findings.unseen)}: without it the picture explains the target as well, "
+            f"the target does not show {listed(unseen)}: without it the picture explains the target as well, "
             "and its index and position may be anything",
             "check that it is there, and start nearer, or leave it out of the scene",
         ),
@@ -83,7 +91,7 @@ def fit_status(findings: Findings, explained: bool, excess: float, max_steps: in
             "not_converged",
             "the last steps, on the picture sampled as the target is, did not come to rest: the next one would be "
             f"{short_count(solution.next_move)} standard errors long",
-            ", ".join([*unknown, "fit a larger picture, or start nearer"]),
+            f"{known}fit a larger picture, or start nearer",
         ),
         (
             not solution.settled,
@@ -91,11 +99,24 @@ def fit_status(findings: Findings, explained: bool, excess: float, max_steps: in
             f"the solver was still moving after {max_steps} steps on a level",
             "allow more with --max-steps, or start nearer",
         ),
+    ]
+
+
+def model_verdicts(
+    sure: Uncertainty, check: ModelCheck, excess: float, rivals: Sequence[float]
+) -> list[tuple[bool, Status, str, str]]:
+    """What may be wrong with the model at the end of a solve, the last row if nothing is.
+
+    Args:
+        rivals: the evidence against each other minimum that explains the picture as well.
+    """
+    cause = f"{check.causes[0].advice}; or state how well it is known with --uncertain" if check.causes else ""
+    return [
         # A model that leaves more than noise.
         (
             check.is_structured,
             "model_incomplete",
-            f"the residual is more than noise: something in the target differs from the scene{looks}",
+            f"the residual is more than noise: something in the target differs from the scene{check.looks}",
             cause or "look at the residual: free what differs, or mask what the scene lacks",
         ),
         (
@@ -110,7 +131,7 @@ def fit_status(findings: Findings, explained: bool, excess: float, max_steps: in
             bool(rivals),
             "ambiguous",
             f"{len(rivals)} other minim{'um explains' if len(rivals) == 1 else 'a explain'} the picture as well "
-            f"(evidence {least:.1f} standard errors, wanted {EVIDENCE:g})",
+            f"(evidence {min(rivals, default=0.0):.1f} standard errors, wanted {EVIDENCE:g})",
             "compare the runner-ups in the report; a prior, a larger picture or less noise can decide",
         ),
         (
@@ -121,35 +142,36 @@ def fit_status(findings: Findings, explained: bool, excess: float, max_steps: in
             "scene counts as exact",
         ),
     ]
-    return next(row[1:] for row in rows if row[0])
 
 
 def rest_in_words(solution: FitState) -> str:
+    """Whether the solver came to rest."""
     return "the solver came to rest" if solution.settled else "the solver was still moving"
 
 
-def contradicted_status(found: Sequence[Contradiction], verdict: Verdict) -> Verdict:
+def contradicted_status(contradictions: Sequence[Contradiction], verdict: Verdict) -> Verdict:
     """The status of a fit at rest whose picture contradicts what was stated: that comes first of all."""
-    if not found:
+    if not contradictions:
         return verdict
     status, message, advice = verdict
-    words = "the picture contradicts what was stated of " + "; of ".join(one.words for one in found)
-    again = f"measure {listed(one.name for one in found)} again, leave the prior out, or free what else may be wrong"
+    words = "the picture contradicts what was stated of " + "; of ".join(each.words for each in contradictions)
+    names = listed(each.name for each in contradictions)
+    again = f"measure {names} again, leave the prior out, or free what else may be wrong"
     if status == "converged":
         return "model_incomplete", words, again
     return "model_incomplete" if status == "ambiguous" else status, f"{words}; {message}", f"{again}; {advice}"
 
 
-def interrupted_status(stopped: str, recorder: Recorder, sure: Uncertainty) -> Verdict:
+def interrupted_status(stopped: str, findings: Findings, sure: Uncertainty) -> Verdict:
     """The status of a fit that was stopped."""
-    findings, way = recorder.findings, "run it again with more time (--max-seconds)"
+    way = "run it again with more time (--max-seconds)"
     is_known = not np.all(np.isnan(sure.standard_error))
     if is_known and findings.uncertainty is not None and findings.solution is not None:
         # Only profiles and the check of the model are missing.
         unchecked = "the model was not checked: the errors are those of the noise, as if nothing in the target differed"
         words = f"{stopped}; {rest_in_words(findings.solution)}, but {unchecked} from the scene"
         return "interrupted", words, f"{way}, or look at the residual"
-    if not any(step.step > 0 and step.accepted for step in recorder.history):
+    if not any(step.step > 0 and step.accepted for step in findings.steps):
         return "interrupted", f"{stopped}, before the first step: nothing was fitted", way
     values = "the values are those of the last accepted step" + ("" if is_known else ", without error bars")
     return "interrupted", f"{stopped}; {values}", f"{way}, or take the values as a rough estimate"
@@ -160,22 +182,22 @@ def bounds_in_words(at_bound: Sequence[tuple[str, float]]) -> str:
     return "".join(f"; {name} is at its bound, {bound:g}" for name, bound in at_bound)
 
 
-def profiles_in_words(profiles: Sequence[result.Profile], names: Sequence[str], standard_error: np.ndarray) -> str:
+def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standard_error: np.ndarray) -> str:
     """The profiles that contradict the error bar of their parameter, as the end of a sentence."""
-    found = ""
+    words = ""
     for profile in profiles:
         error = standard_error[list(names).index(profile.name)]
         half = (profile.interval[1] - profile.interval[0]) / 2
         if not (np.isfinite(half) and np.isfinite(error) and error > 0):
             continue
-        ratio = half / (np.sqrt(result.PROFILE_95) * error)
+        ratio = half / (np.sqrt(PROFILE_95) * error)
         # A profile contradicts the error bar if its 95 % interval is 1.3 times as wide, or as narrow.
         if not 1 / 1.3 < ratio < 1.3:
-            found += (
+            words += (
                 f"; the 95 % interval of the profile of {profile.name} is {short_count(ratio)} times as wide as its "
                 "error bar says"
             )
-    return found
+    return words
 
 
 def chi_square_excess(residual: np.ndarray, counts: np.ndarray, sigma: float | None) -> float:
@@ -191,77 +213,94 @@ def chi_square_excess(residual: np.ndarray, counts: np.ndarray, sigma: float | N
     return excess if excess > 5 and mean > 1.02**2 else 0.0
 
 
-def shows_noise(problem: Problem, sigma: float) -> Bool[np.ndarray, "3 height width"]:
-    """The numbers of the target that count, and whose noise of standard deviation `sigma` no stage makes larger."""
-    obscured = (stage.obscures(sigma) for stage in problem.stages)
-    return problem.observation.seen & ~functools.reduce(np.logical_or, obscured)
+def shows_noise(solution: FitState, sigma: float) -> Bool[np.ndarray, "3 height width"]:
+    """The numbers of the target that count, but for those in which a few samples may err by a tenth of such noise."""
+    seen, within = solution.problem.observation.seen, solution.within
+    # Four samples: a hundredth more of the squares, of which nobody knows the noise to 2 %.
+    return seen if within is None else seen & (within <= 4 * (0.1 * sigma) ** 2)
 
 
-def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stopped: str | None) -> result.FitResult:
+def make_result(setup: FitSetup, options: FitOptions, findings: Findings, stopped: str | None) -> FitResult:
     """Judge what was found and gather the result.
 
     Nothing is traced any more: what a fit that was stopped has not computed stays unknown.
+
+    Args:
+        findings: what they are now; work that was left behind may add to its own.
     """
-    problem, findings = setup.problem, recorder.findings
-    solution, names = findings.solution, problem.unknowns.names
+    problem, solution, names = setup.problem, findings.solution, setup.problem.unknowns.names
     check = findings.check or ModelCheck.nothing(len(names))
+    target = np.asarray(problem.observation.target)
+    weights = (np.asarray(problem.observation.root_weight, np.float64) * problem.unit) ** 2
     # Where the fit ended, and how sure that is.
+    pictures: dict[str, Any] = {}
     if solution is None:
         y = problem.start() if findings.answer is None else problem.array(findings.answer)
         edges, loss, target_samples = options.edges, options.loss, options.target_samples
         uncertainty = Uncertainty.unknown(len(names), options.sigma)
-        pictures = result.FitPictures(np.asarray(problem.observation.target), weights_of(problem))
     else:
+        y, edges, loss, target_samples = solution.y, solution.stage.edges, solution.stage.loss, solution.problem.samples
         uncertainty = findings.uncertainty or quantify_uncertainty(solution, options.sigma)
-        y, edges, loss = solution.y, solution.stage.edges, solution.stage.loss
-        target_samples = samples_of(solution.problem)
-        pictures = _pictures(problem, solution, findings.start_image)
+        weights = np.where(np.asarray(solution.linearization.bad), 0, weights)
+        pictures = pictures_of(solution) | {"start_image": findings.start_image}
 
     # The word for it.
-    if stopped is not None:
-        status, message, advice = interrupted_status(stopped, recorder, uncertainty)
+    if stopped is not None or solution is None:
+        status, message, advice = interrupted_status(stopped or "", findings, uncertainty)
     else:
-        assert solution is not None
-        residual, counts = solution.residual, solution.observation.counts
         sigma = options.sigma if loss == "l2" else None
-        excess = chi_square_excess(residual, shows_noise(solution.problem, sigma or 0.0), sigma)
+        excess = chi_square_excess(solution.residual, shows_noise(solution, sigma or 0.0), sigma)
         judged = dataclasses.replace(findings, uncertainty=uncertainty, check=check)
-        explained = is_near(residual, solution.weighted_target, counts)
+        explained = is_near(solution.residual, solution.weighted_target, solution.observation.counts)
         verdict = fit_status(judged, explained, excess, options.max_steps)
         otherwise = prior_contradictions(setup, solution, uncertainty, check) if solution.settled else ()
         status, message, advice = contradicted_status(otherwise, verdict)
     at_bound = bounds_reached(y, problem.unknowns)
     message += bounds_in_words(at_bound) + profiles_in_words(findings.profiles, names, uncertainty.standard_error)
 
-    return result.FitResult(
-        ending=result.Ending(status, message, advice, at_bound),
+    return FitResult(
+        status=status,
+        message=message,
+        advice=advice,
+        at_bound=at_bound,
         names=names,
         value=problem.values(y),
+        initial=problem.unknowns.initial(problem.scene),
+        units=tuple(resolve(problem.scene, name).attribute.unit for name in names),
+        priors=tuple((name, *prior) for name, prior in setup.priors.items()),
+        ties=problem.unknowns.ties,
+        loss=loss,
+        target_samples=target_samples,
         uncertainty=dataclasses.replace(uncertainty, sigma=uncertainty.sigma * problem.unit),
         check=check,
         profiles=findings.profiles,
-        given=result.Given(
-            initial=problem.unknowns.initial(problem.scene),
-            units=tuple(resolve(problem.scene, name).attribute.unit for name in names),
-            priors=tuple((name, *prior) for name, prior in setup.priors.items()),
-            ties=problem.unknowns.ties,
-            loss=loss,
-            target_samples=target_samples,
-        ),
         scene=problem.scene_at(y),
         settings=dataclasses.replace(problem.base, edges=edges),
-        pictures=pictures,
-        history=result.FitHistory(
-            steps=tuple(recorder.history),
-            candidate=findings.minima[0].summary.candidate if findings.minima else 0,
-            runner_ups=tuple(minimum.summary for minimum in findings.minima[1:]),
-        ),
+        target=target,
+        weights=weights,
+        steps=findings.steps,
+        candidate=findings.minima[0].summary.candidate if findings.minima else 0,
+        runner_ups=tuple(minimum.summary for minimum in findings.minima[1:]),
         provenance={
             "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            "target_sha256": hashlib.sha256(np.ascontiguousarray(pictures.target).tobytes()).hexdigest(),
-            "seconds": f"{recorder.history[-1].seconds:.3g}" if recorder.history else "0",
+            "target_sha256": hashlib.sha256(np.ascontiguousarray(target).tobytes()).hexdigest(),
+            "seconds": f"{findings.steps[-1].seconds:.3g}" if findings.steps else "0",
         },
+        **pictures,
     )
+
+
+def pictures_of(solution: FitState) -> dict[str, Any]:
+    """The fields of a result that say how the picture at a solution differs from the target, in the target's unit."""
+    linearization, unit = solution.linearization, solution.problem.unit
+    # A robust loss leaves out what it counts for less than a hundredth of the others.
+    left_out = solution.observation.counts & (solution.under_loss("weight").min(axis=0) < 0.01)
+    return {
+        "image": np.asarray(linearization.image) + np.asarray(solution.problem.observation.bias),
+        "rms_residual": solution.rms_residual * unit,
+        "typical_residual": MAD_TO_SIGMA * float(linearization.typical) * unit,
+        "left_out": int(np.sum(left_out)),
+    }
 
 
 def prior_contradictions(
@@ -275,26 +314,6 @@ def prior_contradictions(
         variance, least = max(float(total[place]), 0.0), min(float(uncertainty.cramer_rao[place]), stated[1]) ** 2
         # The picture pulls by as much as the least error says; that the total error is larger adds to the difference.
         excess = 2 * (variance - least)
-        found = float(values[place]), math.sqrt(variance)
-        compared.append(Contradiction.of(name, found, stated, excess))
+        estimate = float(values[place]), math.sqrt(variance)
+        compared.append(Contradiction.of(name, estimate, stated, excess))
     return contradicted(compared)
-
-
-def weights_of(problem: Problem) -> np.ndarray:
-    """The weights of a target's numbers, "3 height width", in the unit in which they were given."""
-    return (np.asarray(problem.observation.root_weight, np.float64) * problem.unit) ** 2
-
-
-def _pictures(problem: Problem, solution: FitState, start: np.ndarray | None) -> result.FitPictures:
-    linearization, observed = solution.linearization, solution.problem.observation
-    weight = solution.under_loss("weight")
-    return result.FitPictures(
-        target=np.asarray(problem.observation.target),
-        weights=np.where(np.asarray(linearization.bad), 0, weights_of(problem)),
-        start=start,
-        estimate=np.asarray(linearization.image) + np.asarray(observed.bias),
-        rms_residual=solution.rms_residual * problem.unit,
-        typical_residual=MAD_TO_SIGMA * float(linearization.typical) * problem.unit,
-        # A robust loss leaves out what it counts for less than a hundredth of the others.
-        left_out=int(np.sum(solution.observation.counts & (weight.min(axis=0) < 0.01))),
-    )

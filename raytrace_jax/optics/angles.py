@@ -191,6 +191,7 @@ def in_range(
 
 
 def cosine(values: Float[ArrayLike, "*rays"], name: str) -> Float[Array, "*rays"]:
+    """Cosines of angles of incidence, refused or NaN outside of 0 to 1 (see the room's front)."""
     is_wrong = (jnp.asarray(values) < 0) | (jnp.asarray(values) > 1 + 1e-6)  # By rounding in float32.
     wanted = "0 to 1 is wanted: that of the ray with the normal on its own side, -dot(d, n) or abs(dot(d, n))"
     return in_range(values, ~is_wrong, name, wanted)
@@ -202,4 +203,5 @@ def angle(values: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
 
 
 def index(values: Float[ArrayLike, "*rays"], name: str = "eta") -> Float[Array, "*rays"]:
+    """Indices of refraction, or ratios of them, refused or NaN unless above 0."""
     return in_range(values, ~(jnp.asarray(values) <= 0), name, "more than 0 is wanted")

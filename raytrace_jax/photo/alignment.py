@@ -9,24 +9,28 @@ ball's rim move anything: a slope of the contrast looks like a shift.
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.ndimage import gaussian_filter, minimum_filter
 
 from .boards import CharucoBoard
+from .geometry import Seen
 from .photograph import RAYS, Corners, offsets
+
+Places = Float[np.ndarray, "n 2"]
+"""Pixels of a photograph, or places of the board."""
 
 HALF, MARGIN = 13, 6
 """Half a patch's side, and how far beyond it its blur looks, in pixels."""
 
-See = Callable[[Float[np.ndarray, "n 2"]], tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]]
-"""The place of the board that each pixel sees, and whether it sees one that counts."""
+See = Callable[[Places], Seen]
+"""The place of the board that each pixel sees, and whether it sees one."""
 
 
 def align(
     light: Float[np.ndarray, "height width"],
     board: CharucoBoard,
-    corners: Float[np.ndarray, "n 2"],
-    expected: Float[np.ndarray, "n 2"],
+    corners: Places,
+    expected: Places,
     see: See,
     blur: float,
     rounds: int = 2,
@@ -43,18 +47,16 @@ def align(
     Returns:
         The corners that count, where their patches came to lie, with the scatter that the patches' residuals tell.
     """
-    box, fits = _boxes(light, expected)
+    box, pictures, fits = _boxes(light, expected)
     shift, spread, contrast = np.zeros_like(expected), np.full(len(expected), np.inf), np.zeros(len(expected))
     if not fits.any():
         return Corners.none()
     where = np.flatnonzero(fits)
-    seen = light[box[..., 1], box[..., 0]]
     for _ in range(rounds):
         sharp, counts = _drawn(box - shift[where][:, None, None], board, corners[where], see)
-        for k, (picture, drawn, use) in enumerate(zip(seen, _blurred(sharp, blur), counts, strict=True)):
-            found = _shift(picture, drawn, use)
-            if found is not None:
-                step, spread[where[k]], contrast[where[k]] = found
+        for k, (picture, drawn, use) in enumerate(zip(pictures, _blurred(sharp, blur), counts, strict=True)):
+            if fit := _shift(picture, drawn, use):
+                step, spread[where[k]], contrast[where[k]] = fit
                 shift[where[k]] += np.clip(step, -2, 2)
     # Dark glass or a highlight has less contrast than the median patch; 0.3 pixels are too many to place a corner by.
     usual = np.median(contrast[contrast > 0]) if (contrast > 0).any() else np.inf
@@ -65,33 +67,33 @@ def align(
 def best_blur(
     light: Float[np.ndarray, "height width"],
     board: CharucoBoard,
-    corners: Float[np.ndarray, "n 2"],
-    expected: Float[np.ndarray, "n 2"],
+    corners: Places,
+    expected: Places,
     see: See,
 ) -> float:
     """The camera's blur with which patches lie on the photograph best, in pixels; arguments are those of `align`."""
-    box, fits = _boxes(light, expected)
+    box, pictures, fits = _boxes(light, expected)
     if not fits.any():
         return 1.0
-    seen = light[box[..., 1], box[..., 0]]
     sharp, counts = _drawn(box, board, corners[fits], see)
 
     def misfit(blur: float) -> float:
-        rows = zip(seen, _blurred(sharp, blur), counts, strict=True)
-        found = [one[1] for one in (_shift(*row) for row in rows) if one is not None]
-        return float(np.median(found)) if found else np.inf
+        rows = zip(pictures, _blurred(sharp, blur), counts, strict=True)
+        spreads = [fit[1] for row in rows if (fit := _shift(*row))]
+        return float(np.median(spreads)) if spreads else np.inf
 
     return min((0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0, 2.6), key=misfit)
 
 
 def _boxes(light, expected):
-    """The pixels of patches around places, with a margin, "patch row column 2", and which places have room for one."""
+    """Patches around places, with a margin: their pixels, "patch row column 2", and light; which places have room."""
     height, width = light.shape
     reach = HALF + MARGIN
     axis = np.arange(-reach, reach + 1)
     start = np.round(expected).astype(int)
     fits = ((start >= reach) & (start < np.array([width, height]) - reach)).all(axis=1)
-    return start[fits][:, None, None] + np.stack(np.meshgrid(axis, axis), -1), fits
+    box = start[fits][:, None, None] + np.stack(np.meshgrid(axis, axis), -1)
+    return box, light[box[..., 1], box[..., 0]], fits
 
 
 def _blurred(patches, blur: float):
@@ -101,12 +103,12 @@ def _blurred(patches, blur: float):
 
 def _drawn(pixels, board: CharucoBoard, corners, see: See):
     """The board's brightness in patches of pixels, and which of them show what is near their corner."""
-    place, valid = see(pixels.reshape(-1, 2).astype(float))
-    valid = valid.reshape(pixels.shape[:-1])
+    seen = see(pixels.reshape(-1, 2).astype(float))
+    valid = seen.valid.reshape(pixels.shape[:-1])
     valid = np.asarray(minimum_filter(valid, (1, 5, 5), mode="constant"), bool)
 
     # Coordinates come first, for NumPy is slow where the last axis is short.
-    place = np.ascontiguousarray(place.T).reshape(2, *valid.shape)
+    place = np.ascontiguousarray(seen.place.T).reshape(2, *valid.shape)
     # Beside a pixel's middle the place follows from Taylor's series, whose derivatives are differences of neighbours.
     down, right = np.gradient(place, axis=(2, 3))
     (down_down, down_right), right_right = np.gradient(down, axis=(2, 3)), np.gradient(right, axis=3)

@@ -8,28 +8,18 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from ..util.compilation import jit
 from ..util.numerics import TINY
-from .geometry import (
-    AT,
-    COUNT,
-    LOST,
-    Seen,
-    Setup,
-    follow_directly,
-    follow_through,
-    inverse_of,
-    pixel_rays,
-    project,
-)
+from .geometry import LENS, LOST, Ball, Camera, Liquid, Seen, Setup, Tank, inverse_of
 from .lens import LensPrior, Turn
 from .photograph import Corners
 
-Numbers = Float[Array, " numbers"]
-
+Free = Float[np.ndarray, " free"]
+"""The free numbers of an adjustment, each in its own scale."""
 
 CORNER_FLOOR = 0.015
 """Least standard deviation of a corner in pixels, beside its patch's own spread: what moves one corner, a reflection or
@@ -60,7 +50,7 @@ class PhotoView(NamedTuple):
     turn: Turn = Turn()
 
 
-class Known(NamedTuple):
+class Prior(NamedTuple):
     """What is known of the numbers before: a Gaussian.
 
     Args:
@@ -75,43 +65,38 @@ class Known(NamedTuple):
 
 
 Measured = Mapping[str, tuple[float, float]]
-"""What was measured of a ball (`radius`, `liquid`, `depth`) or of a tank (`thickness`, `wall`, `wall_ior`, and for both
-numbers of its `wedge` one), with standard deviations."""
+"""What was measured of a ball (`radius`, `liquid`, `depth`) or of a tank (`thickness`, `wall`, `wall_index`, and for
+both numbers of its `wedge` one), with standard deviations."""
 
 
-def known_before(lens: LensPrior, measured: Measured = MappingProxyType({})) -> Known:
+def known_before(lens: LensPrior, measured: Measured = MappingProxyType({})) -> Prior:
     """What is known before: the lens, and what was measured of ball or tank, if there is one.
 
     What has no error is held.
     """
-    mean, rows = np.zeros(COUNT), []
-    mean[AT.lens] = lens.mean
+    glass = Ball() if "radius" in measured else Tank() if "thickness" in measured else None
+    form = Setup(Camera(), glass, Liquid() if "liquid" in measured else None)
+    mean, rows, unit = form.vector, [], np.eye(len(form.numbers))
+    mean[LENS] = lens.mean
     variance = np.diagonal(lens.covariance)
     is_known = np.flatnonzero(np.isfinite(variance) & (variance > 0))
     if len(is_known):
         precision = np.linalg.inv(lens.covariance[np.ix_(is_known, is_known)])
-        rows = list(np.linalg.cholesky(precision).T @ np.eye(COUNT)[AT.lens[is_known]])
-    scale = Setup.of(np.zeros(COUNT))._replace(
-        rotation=np.full(3, 0.02),
-        translation=np.full(3, 0.02),
-        fov=1.0 * (variance[0] > 0),
-        distortion=0.02 * (variance[1:3] > 0),
-        principal_offset=0.01 * (variance[3:] > 0),
-        ior=0.05 * bool({"radius", "thickness"} & measured.keys()),
-        center=np.full(3, 0.1 * measured.get("radius", (0.0, 0.0))[0]),
-        tilt=np.full(2, 0.02 * ("thickness" in measured)),
-    )
+        rows = list(np.linalg.cholesky(precision).T @ unit[LENS][is_known])
+    scale = np.array([one.scale for one in form.numbers])
+    scale[LENS] *= variance > 0
+    scale[form.places("center")] *= measured.get("radius", (0.0, 0.0))[0]
     for name, (value, error) in measured.items():
-        at = getattr(AT, name)
-        mean[at], scale = value, scale._replace(**{name: np.full(np.shape(at), error)})
+        at = form.places(name)
+        mean[at], scale[at] = value, error
         if error > 0:
-            rows += list(np.eye(COUNT)[np.atleast_1d(at)] / error)
+            rows += list(unit[at] / error)
     if measured.get("wedge", (0.0, 0.0))[1] > 0:
         # Behind a wedge it matters where the tank stands: about as far before the board as it is thick, or at it.
-        height, about = AT.center[2], measured["thickness"][0]
-        mean[height], scale.center[2] = about, about
-        rows.append(np.eye(COUNT)[height] / about)
-    return Known(mean, np.reshape(rows, (-1, COUNT)), scale.vector)
+        height, about = form.places("center.z"), measured["thickness"][0]
+        mean[height] = scale[height] = about
+        rows += list(unit[height] / about)
+    return Prior(mean, np.reshape(rows, (-1, len(mean))), scale)
 
 
 @dataclass(frozen=True)
@@ -136,23 +121,23 @@ class AdjustedView:
     @property
     def errors(self) -> Setup:
         """The standard deviation of each number."""
-        return Setup.of(np.sqrt(np.diagonal(self.covariance)))
+        return self.setup.at(np.sqrt(np.diagonal(self.covariance)))
 
     @property
     def lens(self) -> LensPrior:
-        return LensPrior(self.setup.lens, self.covariance[np.ix_(AT.lens, AT.lens)])
+        return LensPrior(self.setup.vector[LENS], self.covariance[np.ix_(LENS, LENS)])
 
     @property
     def ior(self) -> tuple[float, float]:
         """The index of ball or liquid over the air's, and its standard deviation."""
-        return float(self.setup.ior), float(self.errors.ior)
+        return float(self.setup.glass.ior), float(self.errors.glass.ior)
 
 
 class Adjusted(NamedTuple):
     """What least squares found.
 
     Args:
-        joint: all numbers: those of the first view, then of each other one what is its own (`Setup.own`).
+        joint: all numbers: those of the first view, then of each other one what is its own (`Number.is_own`).
         covariance: of all these.
         known: what was known of all these before.
         cost: half the sum of the squares, in standard deviations.
@@ -161,11 +146,11 @@ class Adjusted(NamedTuple):
     views: tuple[AdjustedView, ...]
     joint: Float[np.ndarray, " joint"]
     covariance: Float[np.ndarray, "joint joint"]
-    known: Known
+    known: Prior
     cost: float
 
 
-def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
+def adjust(views: Sequence[PhotoView], known: Prior) -> Adjusted:
     """Find the numbers at which corners miss least.
 
     Lens, index and radius are common to all views. In each what is seen directly and what through the glass has its own
@@ -196,7 +181,7 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
         if rounds_left:
             weights = [np.minimum(1, 2.5 / np.maximum(one, TINY)) for one in off]
         shared = [
-            _shared(factors[2 * k : 2 * k + 2], counting[2 * k : 2 * k + 2]) if view.setup.thickness > 0 else (1.0, 1.0)
+            _shared(factors[2 * k :][:2], counting[2 * k :][:2]) if isinstance(view.setup.glass, Tank) else (1.0, 1.0)
             for k, view in enumerate(views)
         ]
         wider = np.multiply(factors, np.ravel(shared))
@@ -214,9 +199,9 @@ def adjust(views: Sequence[PhotoView], known: Known) -> Adjusted:
     corners, found = [group.where(u) for group, u in zip(system.groups, used, strict=True)], []
     for k in range(len(views)):
         (numbers, chain), own = system.view(joint, k), slice(2 * k, 2 * k + 2)
-        scatter = (sigma[2 * k], sigma[2 * k + 1])
-        spread = chain @ covariance @ chain.T
-        found.append(AdjustedView(Setup.of(numbers), spread, scatter, *corners[own], shared=shared[k]))
+        spread, (beside, behind) = chain @ covariance @ chain.T, sigma[own]
+        setup = views[k].setup.at(numbers)
+        found.append(AdjustedView(setup, spread, (beside, behind), *corners[own], shared=shared[k]))
     return Adjusted(tuple(found), joint, covariance, system.known, float(np.sum(system.residual(x) ** 2)) / 2)
 
 
@@ -244,27 +229,34 @@ def _shared(factors: Sequence[float], groups: Sequence[np.ndarray]) -> tuple[flo
 class _System:
     """The linearized misses of all corners by the free numbers of all views, each in its own scale."""
 
-    def __init__(self, views: Sequence[PhotoView], known: Known):
-        first, others = views[0], views[1:]
+    def __init__(self, views: Sequence[PhotoView], known: Prior):
         self.views, self.groups = views, [group for view in views for group in (view.direct, view.through)]
-        self.start = np.concatenate([first.setup.vector, *(view.setup.own for view in others)])
-        scales = [_scale_of(view, known) for view in views]
-        scale = np.concatenate([scales[0].vector, *(one.own for one in scales[1:])])
+        # A number that all have in common is the first view's.
+        index: dict[tuple[int, str], int] = {}
+        self.places = [
+            [index.setdefault((k * one.is_own, one.name), len(index)) for one in view.setup.numbers]
+            for k, view in enumerate(views)
+        ]
+        (self.start, scale, mean), root, unit = np.zeros((3, len(index))), [], np.eye(len(index))
+        for k, view in enumerate(views):
+            mine = [(j, one.name) for j, one in enumerate(view.setup.numbers) if one.is_own or k == 0]
+            places, in_first = (np.array([index[group, name] for _, name in mine]) for group in (k, 0))
+            # A ball or a tank through which nothing is seen is held.
+            factors = {"shift": np.linalg.norm(view.setup.camera.translation)}
+            factors |= {} if len(view.through.pixels) else {"center": 0.0, "tilt": 0.0}
+            self.start[places] = view.setup.vector[[j for j, _ in mine]]
+            scale[places] = known.scale[in_first] * [factors.get(name.partition(".")[0], 1.0) for _, name in mine]
+            # What is known of a view's own numbers is known of those of each.
+            mean[places], rows = known.mean[in_first], known.root[:, in_first]
+            root.append(rows[rows[:, scale[places] > 0].any(axis=1)] @ unit[places])
         self.free = np.flatnonzero(scale > 0)
         self.scale = scale[self.free]
-        # What is known of a view's own numbers is known of those of each.
-        more, alike = (0, len(self.start) - COUNT), known.root[:, AT.own]
-        mean, root = np.pad(known.mean, more), [np.pad(known.root, ((0, 0), more))]
-        for k in range(len(others)):
-            places = COUNT + k * len(AT.own) + np.arange(len(AT.own))
-            mean[places] = known.mean[AT.own]
-            root.append(alike[alike[:, scale[places] > 0].any(axis=1)] @ np.eye(len(self.start))[places])
-        self.known = Known(mean, np.concatenate(root), scale)
+        self.known = Prior(mean, np.concatenate(root), scale)
         self._padded = [(padded(view.direct), padded(view.through)) for view in views]
         self.factors: list[np.ndarray] = []  # Of each corner's misses in the residual.
         self._kept: tuple[bytes | None, list] = (None, [])
 
-    def joint(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, " joint"]:
+    def joint(self, x: Free) -> Float[np.ndarray, " joint"]:
         """All numbers, in their units."""
         joint = np.array(self.start)
         joint[self.free] += x * self.scale
@@ -274,15 +266,12 @@ class _System:
         self, joint: Float[np.ndarray, " joint"], k: int
     ) -> tuple[Float[np.ndarray, " numbers"], Float[np.ndarray, "numbers joint"]]:
         """A view's numbers, and their derivative by all."""
-        places = np.array(AT.vector)
-        if k:
-            places[AT.own] = COUNT + (k - 1) * len(AT.own) + np.arange(len(AT.own))
-        numbers, slope = joint[places], np.eye(len(joint))[places]
-        numbers[AT.lens], turned = self.views[k].turn(numbers[AT.lens])
-        slope[AT.lens] = turned @ slope[AT.lens]
+        numbers, slope = joint[self.places[k]], np.eye(len(joint))[self.places[k]]
+        numbers[LENS], places, factors = self.views[k].turn(numbers[LENS])
+        slope[LENS] = factors[:, None] * slope[LENS][places]
         return numbers, slope
 
-    def misses(self, x: Float[np.ndarray, " free"]) -> list[tuple[np.ndarray, np.ndarray]]:
+    def misses(self, x: Free) -> list[tuple[np.ndarray, np.ndarray]]:
         """Each group's misses in pixels, and their derivatives by `x`.
 
         SciPy asks for values and slopes one after the other at the same place: one program gives both, once.
@@ -291,60 +280,54 @@ class _System:
             joint, found = self.joint(x), []
             for k, view in enumerate(self.views):
                 numbers, chain = self.view(joint, k)
-                both = linearized(numbers, np.asarray(view.size, float), *self._padded[k])
+                both = linearized(view.setup.at(numbers), np.asarray(view.size, float), *self._padded[k])
                 for value, slope, group in zip(*both, (view.direct, view.through), strict=True):
                     n = len(group.pixels)
                     found.append((np.asarray(value)[:n], np.asarray(slope)[:n] @ chain[:, self.free] * self.scale))
             self._kept = key, found
         return self._kept[1]
 
-    def residual(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, " rows"]:
+    def residual(self, x: Free) -> Float[np.ndarray, " rows"]:
         """The scaled misses of all corners, then those of what was known."""
         rows = [(value * by[:, None]).reshape(-1) for (value, _), by in zip(self.misses(x), self.factors, strict=True)]
         return np.concatenate([*rows, self.known.root @ (self.joint(x) - self.known.mean)])
 
-    def jacobian(self, x: Float[np.ndarray, " free"]) -> Float[np.ndarray, "rows free"]:
+    def jacobian(self, x: Free) -> Float[np.ndarray, "rows free"]:
         slopes = zip(self.misses(x), self.factors, strict=True)
         rows = [(slope * by[:, None, None]).reshape(-1, len(x)) for (_, slope), by in slopes]
         return np.concatenate([*rows, self.known.root[:, self.free] * self.scale])
 
 
-def _scale_of(view: PhotoView, known: Known) -> Setup:
-    """About how far each number of a view may move; a ball or a tank through which nothing is seen is held."""
-    scale, distance = Setup.of(known.scale), np.linalg.norm(view.setup.translation)
-    center, tilt = (one * (len(view.through.pixels) > 0) for one in (scale.center, scale.tilt))
-    return scale._replace(translation=distance * scale.translation, center=center, tilt=tilt)
-
-
 @jit
-def linearized(numbers: Numbers, size: Float[Array, "2"], direct, through):
-    """The misses of both groups of corners in pixels, as `misses`, and their derivatives by the numbers of a set-up.
+def linearized(setup: Setup, size: Float[Array, "2"], direct, through):
+    """How far both groups of corners are from where their places are seen, in pixels; the derivatives by all numbers.
 
-    In air places that are seen directly are projected to pixels instead.
+    That is the error on the board, carried back by the local map, which counts as constant; in air places that are seen
+    directly are projected to pixels instead. A pixel whose ray does not come through errs by `LOST`, so that no
+    adjustment gains by losing corners.
     """
     (pixels, places), count = (jnp.concatenate(both) for both in zip(direct, through, strict=True)), len(direct[0])
     flat = jnp.concatenate([direct[1], jnp.zeros_like(direct[1][:, :1])], axis=1)
+    numbers, setup_of = ravel_pytree(setup)
 
     def look(numbers, step):
-        setup = Setup.of(numbers)
-        o, d = pixel_rays(setup, size, pixels + step)
-        beside = jax.lax.cond(
-            setup.depth > 0,
-            lambda: follow_directly(setup, o[:, :count], d[:, :count]),
-            lambda: Seen(project(setup, size, flat), jnp.zeros(count, o.dtype), jnp.ones(count, bool)),
-        )
-        behind = follow_through(setup, o[:, count:], d[:, count:])
-        found = jax.tree.map(lambda *parts: jnp.concatenate(parts), beside, behind)
-        return found.place, found
+        setup = setup_of(numbers)
+        o, d = setup.camera.rays(size, pixels + step)
+        if setup.liquid is None:
+            beside = Seen(setup.camera.project(size, flat), jnp.zeros(count, o.dtype), jnp.ones(count, bool))
+        else:
+            beside = setup.beside.follow(o[:, :count], d[:, :count])
+        seen = jax.tree.map(lambda *parts: jnp.concatenate(parts), beside, setup.follow(o[:, count:], d[:, count:]))
+        return seen.place, seen
 
     # The step is of all pixels: its derivative is the local map. Several traces would take as much longer to compile.
-    (slope, local_map), found = jax.jacfwd(look, (0, 1), has_aux=True)(numbers, jnp.zeros(2, pixels.dtype))
-    is_projected = (Setup.of(numbers).depth <= 0) & (jnp.arange(len(pixels)) < count)
+    (slope, local_map), seen = jax.jacfwd(look, (0, 1), has_aux=True)(numbers, jnp.zeros(2, pixels.dtype))
+    is_projected = (setup.liquid is None) & (jnp.arange(len(pixels)) < count)
     inverse = jnp.where(is_projected[:, None, None], jnp.eye(2, dtype=pixels.dtype), inverse_of(local_map))
-    off = found.place - jnp.where(is_projected[:, None], pixels, places)
-    miss = jnp.where(found.valid[:, None], jnp.einsum("nij,nj->ni", inverse, off), LOST)
-    slope = jnp.where(found.valid[:, None, None], jnp.einsum("nij,njk->nik", inverse, slope), 0.0)
-    return (miss[:count], miss[count:]), (slope[:count], slope[count:])
+    off = seen.place - jnp.where(is_projected[:, None], pixels, places)
+    error = jnp.where(seen.valid[:, None], jnp.einsum("nij,nj->ni", inverse, off), LOST)
+    slope = jnp.where(seen.valid[:, None, None], jnp.einsum("nij,njk->nik", inverse, slope), 0.0)
+    return (error[:count], error[count:]), (slope[:count], slope[count:])
 
 
 def padded(corners: Corners) -> tuple[Float[np.ndarray, "padded 2"], Float[np.ndarray, "padded 2"]]:

@@ -4,6 +4,7 @@ An outline and its radius tell how far away it is. Then the index is the one wit
 through such a ball, looks like the photograph.
 """
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -12,10 +13,10 @@ from scipy import ndimage, optimize
 
 from ..errors import PictureError
 from .boards import CharucoBoard
-from .geometry import Setup
+from .geometry import Ball, Setup
 from .outline import Disc, NothingThrough
 from .photograph import Photograph, PixelGrid
-from .sight import Sight
+from .sight import Projection
 
 
 def find_ball(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: float, discs: list[Disc]) -> Setup:
@@ -71,8 +72,8 @@ class _Trial:
 
     def __init__(self, photograph: Photograph, board: CharucoBoard, setup: Setup, blur: float, disc: Disc, width: int):
         self.board, self.size = board, photograph.size
-        sight = Sight(setup, self.size)
-        self.eye, self.start = sight.viewpoint, setup._replace(center=sight.center_of(*disc))
+        sight = Projection(setup, self.size)
+        self.eye, self.start, self.center = sight.viewpoint, setup, sight.center_of(*disc)
         grid = PixelGrid.of(self.size, max(1, round(2 * disc.radius / width))).around(disc.center, disc.radius)
         self.pixels, self.smooth = grid.pixels, max(1.0, blur / grid.binning)
         self.picture = grid.parts(photograph.light[None]).mean(axis=-1)[0]
@@ -82,12 +83,16 @@ class _Trial:
     def setup(self, candidate: Float[np.ndarray, "4"]) -> Setup:
         """The set-up with a candidate for the ball."""
         ior, farther, aside, upwards = candidate
-        center = self.eye + (1 + farther) * (self.start.center - self.eye)
-        return self.start._replace(ior=ior, center=center + self.start.radius * np.array([aside, upwards, 0.0]))
+        center, radius = self.eye + (1 + farther) * (self.center - self.eye), self.start.glass.radius
+        ball = Ball(ior, center + radius * np.array([aside, upwards, 0.0]), radius)
+        return dataclasses.replace(self.start, glass=ball)
 
-    def alike(self, candidate: Float[np.ndarray, "4"]) -> float:
-        """Correlation of photograph and drawing, of what varies over a few pixels, within the ball; -1 without any."""
-        ball = Sight(self.setup(candidate), self.size).through(self.pixels)
+    def correlation(self, candidate: Float[np.ndarray, "4"]) -> float:
+        """Normalised cross-correlation of photograph and drawing within the ball; -1 where nothing is seen.
+
+        Only what varies over a few pixels counts.
+        """
+        ball = Projection(self.setup(candidate), self.size).through(self.pixels)
         brightness, inside = self.board.brightness(ball.place), ball.reach < 0.85
         use = (ball.valid & inside & np.isfinite(brightness)).reshape(self.picture.shape)
         if np.sum(use) < 0.3 * np.sum(inside):
@@ -107,7 +112,7 @@ class _Trial:
         offsets = (0.0, -0.04, 0.04)
         candidates = [np.array([index, 0, *aside]) for index in self.indices[::2]
                       for aside in itertools.product(offsets, offsets)]  # fmt: skip
-        alike = [self.alike(one) for one in candidates]
+        alike = [self.correlation(one) for one in candidates]
         self.aside = candidates[int(np.argmax(alike))][2:]
         return max(alike)
 
@@ -116,7 +121,7 @@ class _Trial:
         # Balls farther away are tried rather than nearer ones, for an outline is some per cent too large.
         distances = np.arange(-0.03, 0.051, 0.01)
         scan = np.array([[*both, *self.aside] for both in itertools.product(self.indices, distances)])
-        alike = np.array([self.alike(one) for one in scan])
+        alike = np.array([self.correlation(one) for one in scan])
         # Drawings look alike at several indices: the scan keeps the best places of several valleys.
         starts: list[np.ndarray] = []
         for k in np.argsort(-alike)[: np.sum(alike > alike.max() - 0.2)]:
@@ -128,6 +133,6 @@ class _Trial:
         for one in starts:
             simplex = one + steps
             options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3, "maxfev": 160}
-            done = optimize.minimize(lambda at: -self.alike(at), one, method="Nelder-Mead", options=options)
+            done = optimize.minimize(lambda at: -self.correlation(at), one, method="Nelder-Mead", options=options)
             found.append((-float(done.fun), self.setup(done.x)))
         return max(found, key=lambda one: one[0])

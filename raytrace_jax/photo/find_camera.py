@@ -12,11 +12,11 @@ from ..util.digits import with_error
 from .alignment import align, best_blur
 from .boards import LEAST_CORNERS, CharucoBoard, opencv
 from .bundle import AdjustedView, Measured, PhotoView, adjust, known_before
-from .geometry import Setup
+from .geometry import Camera, Liquid, Setup
 from .lens import LensPrior, Turn, uncalibrated
 from .markers import find_markers
 from .photograph import Corners, Photograph
-from .sight import Sight
+from .sight import Projection
 
 LARGEST_SCATTER = 3e-4
 """Corners may scatter by this fraction of the picture's width, seen directly or through the glass: half a pixel of
@@ -25,7 +25,7 @@ LARGEST_SCATTER = 3e-4
 
 @dataclass(frozen=True)
 class FoundCamera(AdjustedView):
-    """A camera, from what is seen directly of a board; the ball's numbers are held, for nothing is known of them.
+    """A camera, from what is seen directly of a board.
 
     Args:
         view: all its corners, also those that do not count.
@@ -48,24 +48,24 @@ def find_camera(
     """
     # Markers are found without a start, but roughly: they choose among angles of view.
     size, corners = photograph.size, find_markers(photograph, board)
-    guesses = [float(lens.mean[0])] if np.isfinite(lens.covariance[0, 0]) else [20.0, 30.0, 40.0, 55.0, 70.0]
+    guesses = [float(lens.mean[0])] if lens.has_fov else [20.0, 30.0, 40.0, 55.0, 70.0]
     known = known_before(lens, liquid)
 
     def adjusted(setup: Setup, corners: Corners):
         return adjust([PhotoView(setup, size, corners, Corners.none())], known)
 
-    within = {name: value for name, (value, _) in liquid.items()}
-    starts = [_pose(corners, fov, lens, size)._replace(**within) for fov in guesses]
-    found = [adjusted(start, corners) for start in starts]
-    setup = min(found, key=lambda one: one.cost).views[0].setup
+    around = Liquid(liquid["liquid"][0], liquid["depth"][0]) if liquid else None
+    starts = [Setup(_pose(corners, fov, lens, size), liquid=around) for fov in guesses]
+    candidates = (adjusted(start, corners) for start in starts)
+    setup = min(candidates, key=lambda candidate: candidate.cost).views[0].setup
 
     # Corners that OpenCV refines are good to a tenth of a pixel: near enough for a patch to find its place.
     for _ in range(2):
-        corners = _refined(photograph, board, Sight(setup, size))
+        corners = _refined(photograph, board, Projection(setup, size))
         setup = adjusted(setup, corners).views[0].setup
 
     # Patches, drawn with the camera's blur, measure corners to hundredths of a pixel.
-    sight = Sight(setup, size)
+    sight = Projection(setup, size)
     expected, places = sight.where(corners.places), corners.places
     some = slice(None, None, max(1, len(places) // 40))
     blur = best_blur(photograph.light, board, places[some], expected[some], sight.directly)
@@ -81,19 +81,15 @@ def find_camera(
     return FoundCamera(**vars(done), view=PhotoView(done.setup, size, corners, Corners.none()), blur=blur)
 
 
-def _pose(corners: Corners, fov: float, lens: LensPrior, size: tuple[int, int]) -> Setup:
-    """A camera with this angle of view that sees the corners (OpenCV's `solvePnP`), and any ball."""
+def _pose(corners: Corners, fov: float, lens: LensPrior, size: tuple[int, int]) -> Camera:
+    """A camera with this angle of view that sees the corners (OpenCV's `solvePnP`)."""
     cv2 = opencv("a photograph of a board")
-    focal = size[0] / (2 * np.tan(np.radians(fov) / 2))
-    distortion, offset = lens.mean[1:3], lens.mean[3:]
-    across, down = (np.asarray(size) - 1) / 2 + offset * size[0]
-    matrix = np.array([[focal, 0, across], [0, focal, down], [0, 0, 1]])
-    points = np.concatenate([corners.places, np.zeros_like(corners.places[:, :1])], axis=1)
-    _, turn, shift = cv2.solvePnP(points, corners.pixels, matrix, np.array([*distortion, 0.0, 0.0]))
-    return Setup(turn.ravel(), shift.ravel(), fov, distortion, offset, 1.5, np.zeros(3), 1.0)
+    points, matrix = np.pad(corners.places, ((0, 0), (0, 1))), lens.camera_matrix(size, fov)
+    _, turn, shift = cv2.solvePnP(points, corners.pixels, matrix, lens.opencv_distortion)
+    return Camera(turn.ravel(), shift.ravel(), fov, lens.mean[1:3], lens.mean[3:])
 
 
-def _refined(photograph: Photograph, board: CharucoBoard, sight: Sight) -> Corners:
+def _refined(photograph: Photograph, board: CharucoBoard, sight: Projection) -> Corners:
     """The corners that OpenCV finds, each in a window by the size of its square."""
     cv2, expected = opencv("a photograph of a board"), sight.where(board.corners)
     steps = [sight.where(board.corners + step) - expected for step in board.square * np.eye(2)]
@@ -179,11 +175,11 @@ def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], le
     first = photographs[0]
     views = [camera.view._replace(turn=first.turn_to(one)) for camera, one in zip(found, photographs, strict=True)]
     seen = adjust(views, known_before(lens)).views
-    apart = [camera.lens.mean - one.setup.lens for camera, one in zip(found, seen, strict=True)]
+    apart = [camera.lens.mean - one.lens.mean for camera, one in zip(found, seen, strict=True)]
     # One of another zoom moves what all say: the median of what each says stays.
-    shares = np.array([camera.lens.mean[0] / one.setup.fov for camera, one in zip(found, seen, strict=True)])
+    shares = np.array([camera.lens.mean[0] / one.setup.camera.fov for camera, one in zip(found, seen, strict=True)])
     for photograph, camera, share in zip(photographs, found, shares / np.median(shares), strict=True):
-        fov, error = camera.lens.mean[0], np.sqrt(camera.lens.covariance[0, 0])
+        fov, error = camera.lens.mean[0], camera.lens.errors[0]
         if abs(share - 1) > max(0.01, 8 * error / fov):
             raise PictureError(
                 f"{photograph.name}: it tells an angle of view of {with_error(fov, error)} degrees, and others one of "

@@ -7,10 +7,13 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from ..errors import PictureError
-from .light_field import LightField, fit_light_field
+from .illumination import IlluminationMap, fit_illumination
 from .locate import Located
 from .photograph import PixelGrid, offsets
 from .sight import REACH
+
+Image = Float[np.ndarray, "3 height width"]
+"""A scene-linear picture."""
 
 RIM, AROUND = 1.04, 1.12
 """In radii of the ball's outline: from where on the board is seen directly, and how far the fitted picture reaches, so
@@ -35,15 +38,15 @@ class Flattened(NamedTuple):
         grid: its pixels.
     """
 
-    image: Float[np.ndarray, "3 height width"]
+    image: Image
     counts: Bool[np.ndarray, "height width"]
     through: Bool[np.ndarray, "height width"]
-    drawn: Float[np.ndarray, "3 height width"]
-    field: LightField
+    drawn: Image
+    field: IlluminationMap
     grid: PixelGrid
 
 
-def flatten(image: Float[np.ndarray, "3 height width"], located: Located, disagrees: float = 0.12) -> Flattened:
+def flatten(image: Image, located: Located, disagrees: float = 0.12) -> Flattened:
     """Divide each pixel of a scene-linear photograph around its ball by the light on the board where the pixel looks.
 
     Args:
@@ -83,7 +86,7 @@ def flatten(image: Float[np.ndarray, "3 height width"], located: Located, disagr
     return Flattened(np.where(counts, divided, 0.0), counts, counts & through, drawn, field, grid)
 
 
-def find_light(image: Float[np.ndarray, "3 height width"], located: Located) -> LightField:
+def find_light(image: Image, located: Located) -> IlluminationMap:
     """The light on the board, from what is seen of it directly in the whole photograph, scene-linear.
 
     Raises:
@@ -100,7 +103,7 @@ def find_light(image: Float[np.ndarray, "3 height width"], located: Located) -> 
     if np.sum(pure & (brightness > 0.5)) < LEAST_SEEN:
         raise PictureError("too few pixels show paper alone: photograph from nearer, or use larger squares.")
     light = parts.mean(axis=-1).reshape(3, -1)
-    return fit_light_field(light[:, pure], seen[pure], brightness[pure], located.board.half)
+    return fit_illumination(light[:, pure], seen[pure], brightness[pure], located.board.half)
 
 
 def look_at_board(located: Located, grid: PixelGrid):
@@ -114,9 +117,8 @@ def look_at_board(located: Located, grid: PixelGrid):
     rays = offsets(grid.binning)
     place, total = np.zeros_like(pixels), np.zeros(len(pixels))
     for off in rays:
-        here, sees = sight.directly(pixels + off)
-        ball = sight.through(pixels[inside] + off)
-        here[inside], sees[inside] = ball.place, ball.valid
+        here, _, sees = sight.directly(pixels + off)
+        here[inside], _, sees[inside] = sight.through(pixels[inside] + off)
         total += np.where(sees, located.board.brightness(here), np.nan) / len(rays)
         place += here / len(rays)
     return place, total, reach

@@ -12,6 +12,9 @@ from ..errors import RaytraceError, RaytraceWarning
 from ..images.exif import BACK
 from ..util.files import read_bytes, write_text
 
+LensNumbers = Float[np.ndarray, "5"]
+"""Angle of view in degrees, k1, k2, and the principal point in widths of the picture."""
+
 USUAL = np.array([0.1, 0.05, 0.01, 0.01])
 """Standard deviations of k1, k2 and the principal point of a lens that was not calibrated.
 
@@ -26,12 +29,28 @@ class LensPrior(NamedTuple):
         covariance: of these five; infinite where nothing is known.
     """
 
-    mean: Float[np.ndarray, "5"]
+    mean: LensNumbers
     covariance: Float[np.ndarray, "5 5"]
 
     @property
-    def errors(self) -> Float[np.ndarray, "5"]:
+    def errors(self) -> LensNumbers:
         return np.sqrt(np.diagonal(self.covariance))
+
+    def camera_matrix(self, size: tuple[int, int], fov: float) -> Float[np.ndarray, "3 3"]:
+        """OpenCV's camera matrix for pictures of this width and height, with this angle of view in degrees."""
+        focal = size[0] / (2 * np.tan(np.radians(fov) / 2))
+        across, down = (np.asarray(size) - 1) / 2 + self.mean[3:] * size[0]
+        return np.array([[focal, 0, across], [0, focal, down], [0, 0, 1]])
+
+    @property
+    def opencv_distortion(self) -> Float[np.ndarray, "4"]:
+        """OpenCV's distortion: k1 and k2, and none aside."""
+        return np.array([*self.mean[1:3], 0.0, 0.0])
+
+    @property
+    def has_fov(self) -> bool:
+        """Whether anything is known of the angle of view."""
+        return bool(np.isfinite(self.covariance[0, 0]))
 
 
 def uncalibrated(fov: float | None = None, spread: float = 0.0) -> LensPrior:
@@ -52,17 +71,12 @@ class Turn(NamedTuple):
     before: int = 1
     after: int = 1
 
-    def __call__(self, mean: Float[np.ndarray, "5"]) -> tuple[Float[np.ndarray, "5"], Float[np.ndarray, "5 5"]]:
-        """The lens's numbers, and their derivative by those of the other one."""
-        mean, places, factors = self._turned(mean)
-        return mean, factors[:, None] * np.eye(5)[places]
-
     def of(self, lens: LensPrior) -> LensPrior:
         """The lens, with its covariance, which may be infinite."""
-        mean, places, factors = self._turned(lens.mean)
+        mean, places, factors = self(lens.mean)
         return LensPrior(mean, lens.covariance[np.ix_(places, places)] * np.outer(factors, factors))
 
-    def _turned(self, mean: Float[np.ndarray, "5"]):
+    def __call__(self, mean: LensNumbers):
         """The lens's numbers, which one of the other's each follows from, and its derivative by that one."""
         places, factors = np.arange(5), np.ones(5)
         if self.before == self.after:
@@ -75,8 +89,8 @@ class Turn(NamedTuple):
         return mean, places, factors
 
 
-def _turned(mean: Float[np.ndarray, "5"], orientation: int, size: tuple[int, int]):
-    """As `Turn._turned`, of one turn."""
+def _turned(mean: LensNumbers, orientation: int, size: tuple[int, int]):
+    """As `Turn`, of one turn to or from the sensor."""
     mean, places, factors = np.array(mean), np.arange(5), np.ones(5)
     if orientation > 4:
         # Rows become columns: the angle is that of the other side, and so are the widths.

@@ -1,13 +1,23 @@
-"""The markers of a board in a photograph: which are seen directly, and which through glass."""
+"""The markers of a board in a photograph: which are seen directly, and which through a ball or a tank."""
 
+import dataclasses
 import functools
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..errors import PictureError
 from .boards import CharucoBoard, decoded, opencv
+from .lens import LensPrior
+from .outline import NothingThrough
 from .photograph import Corners, Photograph
+
+Quads = Float[np.ndarray, "markers 4 2"]
+"""The corners of markers, clockwise from the upper left."""
+
+Grey = UInt8[np.ndarray, "height width"]
+"""A picture of 8 bits, as OpenCV reads it."""
 
 LEAST_DIRECT = 8
 """The fewest markers seen directly: a camera has up to nine free numbers, a marker gives eight, and they err."""
@@ -23,13 +33,9 @@ def find_markers(photograph: Photograph, board: CharucoBoard) -> Corners:
         PictureError: there are too few markers of this board; the message says what was found.
     """
     cv2, grey, name = opencv("a photograph of a board"), photograph.grey, photograph.name
-    corners, ids = markers_in(grey, board.dictionary)
-    known = {int(number): place for place, number in enumerate(board.ids)}
-    ours = np.array([int(number) in known for number in ids], bool)
-    if np.sum(ours) < LEAST_DIRECT:
-        raise PictureError(f"{name}: {_too_few(grey, board, ids, int(np.sum(ours)))}")
-    place = np.array([known[int(number)] for number in ids[ours]])
-    corners = corners[ours]
+    corners, place, others = markers_of(grey, board)
+    if len(place) < LEAST_DIRECT:
+        raise PictureError(f"{name}: {_too_few(grey, board, len(place), others)}")
     fit, pairs = _neighbours(board.markers[place], corners, board.square)
     # In photographs of the board all neighbours lie where it has them, also through a ball; of others 0 to 0.52.
     if fit < 0.75 * pairs:
@@ -56,9 +62,7 @@ def find_markers(photograph: Photograph, board: CharucoBoard) -> Corners:
     return Corners(pixels, board.markers[place[direct]].reshape(-1, 2), np.full(len(pixels), 0.5))
 
 
-def _neighbours(
-    places: Float[np.ndarray, "markers 4 2"], corners: Float[np.ndarray, "markers 4 2"], square: float
-) -> tuple[int, int]:
+def _neighbours(places: Quads, corners: Quads, square: float) -> tuple[int, int]:
     """How many neighbours of the markers of a photograph lie where the board has them, and how many there are.
 
     Each marker's own corners say how its neighbourhood is seen, directly or through glass.
@@ -79,9 +83,7 @@ def _neighbours(
     return int(np.sum(is_near & fits)), int(np.sum(is_near))
 
 
-def markers_in(
-    grey: UInt8[np.ndarray, "height width"], dictionary: str
-) -> tuple[Float[np.ndarray, "markers 4 2"], Int[np.ndarray, " markers"]]:
+def markers_in(grey: Grey, dictionary: str) -> tuple[Quads, Int[np.ndarray, " markers"]]:
     """The markers of a photograph, which may be small."""
     return _markers_of(grey.tobytes(), grey.shape, dictionary)
 
@@ -97,20 +99,100 @@ def _markers_of(grey: bytes, shape: tuple[int, int], dictionary: str):
     return decoded(np.frombuffer(grey, np.uint8).reshape(shape), dictionary, how)
 
 
-def is_mirrored(grey: UInt8[np.ndarray, "height width"], board: CharucoBoard) -> bool:
+def markers_of(grey: Grey, board: CharucoBoard) -> tuple[Quads, Int[np.ndarray, " markers"], int]:
+    """The markers of a board in a photograph, which of the board's each is, and how many are of another board."""
+    corners, ids = markers_in(grey, board.dictionary)
+    photographed, place = np.nonzero(ids[:, None] == board.ids)
+    return corners[photographed], place, len(ids) - len(place)
+
+
+def is_mirrored(grey: Grey, board: CharucoBoard) -> bool:
     """Whether a photograph shows enough markers of a board in its mirror image alone, as a front camera may save it."""
-    found = (int(np.isin(markers_in(one, board.dictionary)[1], board.ids).sum()) for one in (grey, grey[:, ::-1]))
-    return next(found) < LEAST_DIRECT <= next(found)
+    counts = (len(markers_of(side, board)[0]) for side in (grey, grey[:, ::-1]))
+    return next(counts) < LEAST_DIRECT <= next(counts)
 
 
-def _too_few(grey: UInt8[np.ndarray, "height width"], board: CharucoBoard, ids: np.ndarray, ours: int) -> str:
+def _too_few(grey: Grey, board: CharucoBoard, ours: int, others: int) -> str:
     """Why a photograph shows too few markers of a board, as far as it can be told, and what to do."""
     wanted = f"{LEAST_DIRECT} markers of {board.path} are wanted, and {ours} are found"
     if is_mirrored(grey, board):
         return f"{wanted}, but more in its mirror image: mirror it back."
-    if len(ids) >= LEAST_DIRECT:
-        return f"{wanted}, beside {len(ids) - ours} of another board: which board was photographed?"
+    if ours + others >= LEAST_DIRECT:
+        return f"{wanted}, beside {others} of another board: which board was photographed?"
     return (
         f"{wanted}: more of the board, whose markers are those of {board.dictionary}, must be in the picture, sharp "
         "and evenly lit, its markers at least 20 pixels wide (photograph from nearer, or print larger squares)."
     )
+
+
+class Layers(NamedTuple):
+    """A board in two parts, each with the markers and corners that are seen so.
+
+    Args:
+        direct: beside the tank.
+        through: through it.
+        seen: the corners of the markers that are seen through it, good to half a pixel.
+    """
+
+    direct: CharucoBoard
+    through: CharucoBoard
+    seen: Corners
+
+
+def layers_of(photograph: Photograph, board: CharucoBoard, lens: LensPrior) -> Layers:
+    """Part the board's markers: those through a tank seem nearer, for each layer that is flat moves the board's image.
+
+    The markers beside the tank have one homography, nearly so those through it (RANSAC, one after the other). Markers
+    that fit both belong to none.
+
+    Raises:
+        PictureError: too few markers of this board are seen, or too few beside the tank.
+        NothingThrough: too few are seen through it.
+    """
+    find_markers(photograph, board)  # It refuses what shows no such board.
+    cv2 = opencv("a photograph of a board")
+    corners, markers, _ = markers_of(photograph.grey, board)
+
+    # Straight lines are straight once the lens is undone, as far as it is known.
+    matrix = lens.camera_matrix(photograph.size, float(lens.mean[0]) if lens.has_fov else 40.0)
+    # The middle of a marker is told better than its corners.
+    middles, places = (quads.mean(axis=1, keepdims=True) for quads in (corners, board.markers[markers]))
+    straight = cv2.undistortPoints(middles, matrix, lens.opencv_distortion, P=matrix)
+
+    near = 1e-3 * max(photograph.size)
+    rest, planes = np.ones(len(markers), bool), []
+    while np.sum(rest) >= LEAST_DIRECT and len(planes) < 2:
+        homography, _ = cv2.findHomography(places[rest], straight[rest], cv2.RANSAC, near)
+        if homography is None:
+            break
+        off = np.linalg.norm(cv2.perspectiveTransform(places, homography) - straight, axis=-1)[:, 0]
+        # What is nearer than its neighbours' plane is seen larger.
+        middle = np.mean(board.markers, axis=(0, 1)) + board.square * np.array([[[0, 0]], [[1, 0]], [[0, 1]]])
+        origin, *axes = cv2.perspectiveTransform(middle, homography)[:, 0]
+        planes.append((abs(float(np.linalg.det(np.array(axes) - origin))), off))
+        rest &= off > 2 * near
+    if len(planes) < 2 or np.sum(planes[1][1] < near) < 4:
+        raise NothingThrough(
+            f"{photograph.name}: all markers of {board.path} that are seen lie in one plane: either none is seen "
+            "through the tank, or none beside it. Photograph so that half of the board is seen through the tank; a "
+            "lens that bends wants a calibration."
+        )
+    (_, far), (_, nearer) = sorted(planes, key=lambda plane: plane[0])
+    is_direct, is_through = far < np.minimum(near, nearer / 3), nearer < np.minimum(near, far / 3)
+    if np.sum(is_direct) < LEAST_DIRECT:
+        raise PictureError(
+            f"{photograph.name}: {np.sum(is_direct)} markers of {board.path} are seen beside the tank, and "
+            f"{LEAST_DIRECT} are wanted, from which the camera follows: let the tank hide half of the board."
+        )
+    through = corners[is_through].reshape(-1, 2)
+    seen = Corners(through, board.markers[markers[is_through]].reshape(-1, 2), np.full(len(through), 0.5))
+    direct, behind = (_part(board, markers[layer], markers[~layer]) for layer in (is_direct, is_through))
+    return Layers(direct, behind, seen)
+
+
+def _part(board: CharucoBoard, markers: np.ndarray, others: np.ndarray) -> CharucoBoard:
+    """The board with these markers, and with the corners of squares that touch them and none of the others."""
+    apart = np.linalg.norm(board.corners[:, None] - board.markers.mean(axis=1), axis=-1)
+    touch, touch_others = ((apart[:, which] < board.square).any(axis=1) for which in (markers, others))
+    corners = board.corners[touch & ~touch_others]
+    return dataclasses.replace(board, ids=board.ids[markers], markers=board.markers[markers], corners=corners)

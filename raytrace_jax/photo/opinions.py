@@ -6,40 +6,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..inverse.judge.assumptions import Contradiction, contradicted
+from ..inverse.judge.model_check import Contradiction, contradicted
 from ..inverse.result import FitResult
 from .bundle import Adjusted
-from .geometry import AT, COUNT, Setup
-from .locate import Located, Together
+from .geometry import LENS, Setup
+from .locate import Located, PhotoResult, Together
 from .room_scene import GLASS, UNCERTAIN, RoomScene
 
 AGREE = 3.0
 """Corners and light may differ by so many of their errors."""
 
-NAMES = (
-    *("turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z"),
-    *("fov", "k1", "k2", "principal_point.x", "principal_point.y"),
-    *("index", "center.x", "center.y", "center.z", "radius", "tilt.x", "tilt.y", "thickness", "wall", "wall_index"),
-    *("liquid", "depth", "wedge.x", "wedge.y"),
-)
-"""The words for the numbers of a set-up, as it is raveled."""
+PARTS = {
+    "radius": "radius and ruler", "thickness": "thickness and ruler", "wedge": "wedge", "wall": "walls",
+    "wall_index": "walls", "liquid": "liquid",
+}  # fmt: skip
+"""The parts of an index's error, by the measured numbers that they come from."""
 
 
 def shown(setup: Setup) -> list[int]:
     """Where the numbers of what is looked through, of the ball or of the tank, lie in the raveled set-up."""
-    through = AT.ball if setup.radius > 0 else AT.tank
-    if setup.wall == 0:
-        through = np.setdiff1d(through, AT.walls)
-    if not np.any(setup.wedge):
-        through = np.setdiff1d(through, AT.wedge)
-    return [*through, *([AT.liquid, AT.depth] if setup.depth > 0 else [])]
+    hidden = [] if np.any(setup.vector[setup.places("wall")]) else setup.places("wall", "wall_index")
+    hidden += [] if np.any(setup.vector[setup.places("wedge")]) else setup.places("wedge")
+    return [k for k, one in enumerate(setup.numbers) if k > LENS[-1] and one.is_result and k not in hidden]
 
 
-def told(located: Located) -> dict[str, object]:
+def to_dict(located: Located) -> dict[str, object]:
     """What the corners of a photograph say, as plain values."""
     return {
-        "parameters": _parameters(located, [*shown(located.setup), *AT.lens]),
-        "names": list(NAMES),
+        "parameters": _parameters(located, [*shown(located.setup), *LENS]),
+        "names": located.setup.names,
         "numbers": located.setup.vector.tolist(),
         "covariance": located.covariance.tolist(),
         "corners": {"direct": len(located.direct.pixels), "through": len(located.through.pixels)},
@@ -50,41 +45,48 @@ def told(located: Located) -> dict[str, object]:
     }
 
 
-def told_together(together: Together, names: Sequence[str]) -> dict[str, object]:
-    """What the corners of photographs with these names say, as plain values; a single one says what `told` has."""
+def together_to_dict(together: Together) -> dict[str, object]:
+    """What the corners of photographs say, as plain values; a single one says what `to_dict` has."""
     assert together.adjusted is not None, "a ball is found"
     parts = budget(together.adjusted)
     made_of: dict[str, object] = {
         "contradicted": [one._asdict() for one in contradictions(together.adjusted)],
         "budget": parts._asdict() | {"advice": parts.advice},
     }
-    if len(names) == 1:
-        return told(together.located[0]) | made_of
-    order = [names[k] for k in (*together.located, *together.bare)]
-    first, own = next(iter(together.located.values())), [NAMES[k] for k in AT.own]
-    alone = {k: dict(zip(("value", "error"), index, strict=True)) for k, index in together.alone.items()}
-    photographs = {names[k]: told(one) | {"alone": alone[k]} for k, one in together.located.items()}
-    photographs |= {names[k]: {"no_ball": str(reason)} for k, reason in together.bare.items()}
-    photographs |= {names[k]: {"refused": str(reason)} for k, reason in together.refused.items()}
+    first = together.located[0]
+    if len(together.photographs) == 1:
+        return to_dict(first) | made_of
+    adjusted = [result for result in together.photographs if result.located]
+    adjusted += [result for result in together.photographs if result.is_bare]
+    common = [k for k in sorted([*shown(first.setup), *LENS]) if not first.setup.numbers[k].is_own]
     return {
-        "parameters": _parameters(first, [*np.setdiff1d([*shown(first.setup), *AT.lens], AT.own)]),
+        "parameters": _parameters(first, common),
         "names": [
-            *(f"{order[0]}: {name}" if name in own else name for name in NAMES),
-            *(f"{photograph}: {name}" for photograph in order[1:] for name in own),
+            f"{result.photograph.name}: {number.name}" if number.is_own else number.name
+            for result, view in zip(adjusted, together.adjusted.views, strict=True)
+            for number in view.setup.numbers
+            if number.is_own or result is adjusted[0]
         ],
         "numbers": together.adjusted.joint.tolist(),
         "covariance": together.adjusted.covariance.tolist(),
-        "photographs": photographs,
+        "photographs": {result.photograph.name: _of_several(result) for result in together.photographs},
     } | made_of
+
+
+def _of_several(result: PhotoResult) -> dict[str, object]:
+    """What one of several photographs says."""
+    if result.located is None:
+        return {"no_ball" if result.is_bare else "refused": result.reason}
+    return to_dict(result.located) | {"alone": dict(zip(("value", "error"), result.index_alone, strict=True))}
 
 
 def _parameters(located: Located, places: Sequence[int]) -> dict[str, dict[str, float]]:
     """Numbers and their errors by name."""
-    numbers, errors = located.setup.vector, located.errors.vector
-    return {NAMES[k]: {"value": float(numbers[k]), "error": float(errors[k])} for k in places}
+    names, numbers, errors = located.setup.names, located.setup.vector, located.errors.vector
+    return {names[k]: {"value": float(numbers[k]), "error": float(errors[k])} for k in places}
 
 
-class Joined(NamedTuple):
+class Combined(NamedTuple):
     """What corners and light say together.
 
     Args:
@@ -98,7 +100,7 @@ class Joined(NamedTuple):
     share: float
 
 
-def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
+def combine(located: Located, room: RoomScene, result: FitResult) -> Combined:
     """Corners and light as one estimate: the update of the corners' numbers by those of a fit that rests on them.
 
     The corners tell index and centre `a`, and the numbers `s` of camera and radius, with their covariance C. The fit
@@ -114,7 +116,7 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
     observe = np.concatenate([np.eye(len(GLASS)), -moved], axis=1)
     noise = (result.uncertainty.covariance + result.check.structure)[np.ix_(rows, rows)]
     common = observe @ room.covariance @ observe.T
-    corners = np.array([located.setup.ior, *located.setup.center])
+    corners = np.array([located.setup.glass.ior, *located.setup.glass.center])
     off = result.value[rows] - corners
 
     excess = float(off @ np.linalg.solve(common + noise, off)) / len(GLASS)
@@ -123,18 +125,19 @@ def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
     gain = room.covariance @ observe.T @ np.linalg.inv(common + noise * (excess if excess > 2.4 else 1.0))
     index = float(corners[0] + gain[0] @ off)
     variance = float((room.covariance - gain @ observe @ room.covariance)[0, 0])
-    return Joined((index, float(np.sqrt(variance))), apart, float(gain[0, 0]))
+    return Combined((index, float(np.sqrt(variance))), apart, float(gain[0, 0]))
 
 
 def contradictions(adjusted: Adjusted) -> tuple[Contradiction, ...]:
     """What was known before of the lens, and measured of ball or tank, and comes out otherwise."""
-    mean, root, _ = adjusted.known
+    (mean, root, _), setup = adjusted.known, adjusted.views[0].setup
     # How high a liquid's surface is, and where a tank stands, nobody has stated.
-    known = np.setdiff1d(np.flatnonzero(root[:, :COUNT].any(axis=0)), [AT.depth, *AT.center])
+    stated = root[:, : len(setup.numbers)].any(axis=0)
+    known = np.setdiff1d(np.flatnonzero(stated), setup.places("depth", "center"))
     before = np.sqrt(np.diagonal(np.linalg.inv(root[:, known].T @ root[:, known])))
     after = np.sqrt(np.diagonal(adjusted.covariance))
     return contradicted(
-        Contradiction.of(NAMES[k], (float(adjusted.joint[k]), float(after[k])), (float(mean[k]), float(spread)))
+        Contradiction.of(setup.names[k], (float(adjusted.joint[k]), float(after[k])), (float(mean[k]), float(spread)))
         for k, spread in zip(known, before, strict=True)
     )
 
@@ -173,17 +176,17 @@ def budget(adjusted: Adjusted) -> Budget:
     then: it is the mean over all orders (Shapley 1953), so that the parts add up.
     """
     covariance, root = adjusted.covariance, adjusted.known.root
-    variance = covariance[AT.ior, AT.ior]
-    setup, groups = Setup.of(adjusted.joint[:COUNT]), {"lens": AT.lens}
-    groups |= {"radius and ruler": [AT.radius]} if setup.radius > 0 else {"thickness and ruler": [AT.thickness]}
-    groups |= {"wedge": AT.wedge} if root[:, AT.wedge].any() else {}
-    groups |= {"walls": AT.walls} if setup.wall > 0 else {}
-    groups |= {"liquid": [AT.liquid]} if setup.depth > 0 else {}
+    setup, groups = adjusted.views[0].setup, {"lens": [*LENS]}
+    (index,), results = setup.places("index"), shown(setup)
+    variance = covariance[index, index]
+    for name, part in PARTS.items():
+        if measured := [k for k in setup.places(name) if k in results]:
+            groups[part] = groups.get(part, []) + measured
 
     def exact(names: Sequence[str]) -> float:
         """The index's variance if these numbers were known."""
         places = [place for name in names for place in groups[name]]
-        across = covariance[AT.ior, places]
+        across = covariance[index, places]
         return float(variance - across @ np.linalg.pinv(covariance[np.ix_(places, places)]) @ across)
 
     # In units of each number's error; the corners' precision is what is left of all precision.
@@ -192,7 +195,7 @@ def budget(adjusted: Adjusted) -> Budget:
     before = root[:, free] * spread[free]
     whole = np.linalg.pinv(covariance[np.ix_(free, free)] / np.outer(spread[free], spread[free]))
     more = np.linalg.pinv(4 * whole - 3 * before.T @ before)
-    fourfold = more[(place := int(np.flatnonzero(free == AT.ior)[0])), place] * variance
+    fourfold = more[(place := int(np.flatnonzero(free == index)[0])), place] * variance
 
     orders = list(itertools.permutations(groups))
     gone = {

@@ -14,9 +14,12 @@ from scipy import ndimage, optimize
 from ..errors import PictureError
 from .boards import CharucoBoard
 from .geometry import Setup
-from .light_field import fit_light_field
+from .illumination import fit_illumination
 from .photograph import Photograph, PixelGrid, offsets
-from .sight import Sight
+from .sight import Projection
+
+Circle = Float[np.ndarray, "3"]
+"""A circle's middle and its radius, in pixels of a reduced picture."""
 
 
 class NothingThrough(PictureError):
@@ -53,7 +56,7 @@ def find_discs(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: 
         PictureError: there is no disc, or a ball is too small in such a photograph.
     """
     name, size = photograph.name, photograph.size
-    sight, grid = Sight(setup, size), PixelGrid.of(size, max(1, round(size[0] / 480)))
+    sight, grid = Projection(setup, size), PixelGrid.of(size, max(1, round(size[0] / 480)))
     differs, known, square = _differs(photograph.light, board, sight, blur, grid)
     # Where this share of the pixels around differ from the board, all of it is hidden: in a ball about half do.
     share = 0.35
@@ -99,18 +102,18 @@ def find_discs(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: 
     return [Disc(one[:2] * grid.binning + first, float(one[2] * grid.binning)) for one in discs]
 
 
-def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"]):
+def _radii(sight: Projection, pixels: Float[np.ndarray, "n 2"]):
     """The least and the largest radius of a ball's outline about pixels: on the board, and halfway to the camera."""
-    place, _ = sight.directly(pixels)
+    place = sight.directly(pixels).place
     away = np.linalg.norm(np.pad(place, ((0, 0), (0, 1))) - sight.viewpoint, axis=1)
-    radius = sight.setup.radius
+    radius = sight.setup.glass.radius
     return [
         sight.focal_at(pixels) * radius / np.sqrt(np.maximum((away * share) ** 2 - radius**2, 1e-9))
         for share in (max(1 - radius / sight.viewpoint[2], 0.5), 0.5)
     ]
 
 
-def _distinct(circles: Iterable[Float[np.ndarray, "3"]], apart: float) -> list[Float[np.ndarray, "3"]]:
+def _distinct(circles: Iterable[Circle], apart: float) -> list[Circle]:
     """The first six circles, of which no two have middles and radii nearer to each other than so much of a radius."""
     kept: list[np.ndarray] = []
     for circle in circles:
@@ -123,7 +126,7 @@ def _distinct(circles: Iterable[Float[np.ndarray, "3"]], apart: float) -> list[F
     return kept
 
 
-def _fitted(circle: Float[np.ndarray, "3"], hidden, known) -> Float[np.ndarray, "3"]:
+def _fitted(circle: Circle, hidden, known) -> Circle:
     """The circle nearby that holds most of what is hidden and least of what is not, which count alike.
 
     Where much is hidden around it too, something holds the ball, and the border there is not looked for: the circle is
@@ -133,7 +136,7 @@ def _fitted(circle: Float[np.ndarray, "3"], hidden, known) -> Float[np.ndarray, 
     row, column = np.indices(hidden.shape)
     for _ in range(2):
 
-        def unlike(x: Float[np.ndarray, "3"], start=circle, balance=balance) -> float:
+        def unlike(x: Circle, start=circle, balance=balance) -> float:
             growth = np.log(max(x[2], 1.0) / start[2])
             places = x[:2] + x[2] * FILLING[:, None, None] * TOWARD
             inside = ndimage.map_coordinates(balance, np.moveaxis(places, -1, 0)[::-1], order=1)
@@ -172,12 +175,12 @@ def _scores(
     return (inside * INSIDE).sum(axis=(1, 2)) / area - around.mean(axis=1)
 
 
-def _differs(light, board: CharucoBoard, sight: Sight, blur: float, grid: PixelGrid):
+def _differs(light, board: CharucoBoard, sight: Projection, blur: float, grid: PixelGrid):
     """Which pixels show something else than the board in the light that lies on it, which see it, a square's side."""
     # How bright the board is in each pixel's mean, blurred.
-    seen, shape = sight.directly(grid.pixels)[0], grid.size[::-1]
+    seen, shape = sight.directly(grid.pixels).place, grid.size[::-1]
     rays = offsets(grid.binning)
-    mean = np.mean([board.brightness(sight.directly(grid.pixels + off)[0]) for off in rays], axis=0).reshape(shape)
+    mean = np.mean([board.brightness(sight.directly(grid.pixels + off).place) for off in rays], axis=0).reshape(shape)
     smooth = ndimage.gaussian_filter(np.nan_to_num(mean), blur / grid.binning)
     expected = np.where(np.isfinite(mean), smooth, np.nan).reshape(-1)
     known = np.isfinite(expected)
@@ -185,7 +188,7 @@ def _differs(light, board: CharucoBoard, sight: Sight, blur: float, grid: PixelG
     # A pixel that is mostly paper tells of its light as paper alone would.
     as_paper = flat / np.where(expected > 0.5, expected, 1.0)
     clear = known & (np.abs(np.nan_to_num(expected) - 0.5) > 0.2)
-    field = fit_light_field(np.repeat(as_paper[None, clear], 3, 0), seen[clear], expected[clear], board.half)
+    field = fit_illumination(np.repeat(as_paper[None, clear], 3, 0), seen[clear], expected[clear], board.half)
     wanted = (field.ink[0] + (1 - field.ink[0]) * np.nan_to_num(expected)).reshape(shape)
     divided = (flat / np.maximum(field.at(np.nan_to_num(seen))[0], 1e-6)).reshape(shape)
     known = known.reshape(shape).astype(float)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ..inverse.options import FitOptions
@@ -16,7 +17,7 @@ from ..scene.scene import Scene
 from ..util.compilation import jit
 from .boards import CharucoBoard
 from .flattened import Flattened
-from .geometry import Setup, camera_of, principal_point
+from .geometry import Ball, Camera, Setup, Tank
 from .locate import Located
 from .photograph import PixelGrid
 
@@ -70,19 +71,21 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
     """The scene of a flattened photograph, in the board's frame and unit of length."""
     grid, setup = flat.grid, located.setup
     # The board shines by itself, for the photograph was divided by the light on it.
-    ball = build.sphere("ball", material="glass", center=setup.center, radius=float(setup.radius))
-    glass = build.material("glass", transmission=1, ior=float(setup.ior))
-    shapes = [glass, ball]
-    if setup.depth > 0:
+    glass: Ball = setup.glass
+    shapes = [
+        build.material("glass", transmission=1, ior=float(glass.ior)),
+        build.sphere("ball", material="glass", center=glass.center, radius=float(glass.radius)),
+    ]
+    if (liquid := setup.liquid) is not None:
         shapes += [
-            build.material("liquid", transmission=1, ior=float(setup.liquid)),
-            build.plane("surface", material="liquid", normal=(0, 0, 1), point=(0, 0, float(setup.depth))),
+            build.material("liquid", transmission=1, ior=float(liquid.ior)),
+            build.plane("surface", material="liquid", normal=(0, 0, 1), point=(0, 0, float(liquid.depth))),
         ]
     scene = _scene(located, grid, flat.field.ink, shapes)
 
     # The covariance of the scene's numbers, from that of camera and ball. What is held still in the fit has errors and
     # correlations of these.
-    slope = np.asarray(_slope(setup.vector, located.size, grid))
+    slope = np.asarray(_slope(setup, located.size, grid))
     whole = slope @ located.covariance @ slope.T
     covariance = whole[len(GLASS) :, len(GLASS) :]
     spread = np.sqrt(np.diagonal(covariance))
@@ -97,9 +100,9 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
 
 def wedge_comment(located: Located) -> str:
     """What the file of a tank's scene says where walls are out of parallel, for its slab has parallel ones."""
-    if not np.any(located.setup.wedge):
+    if not np.any(located.setup.glass.wedge):
         return ""
-    x, y = np.rad2deg(located.setup.wedge)
+    x, y = np.rad2deg(located.setup.glass.wedge)
     return (
         f"# The walls of the tank were found out of parallel, by a wedge of {x:.3f} and {y:.3f} degrees.\n"
         "# This slab has parallel walls, so that the scene shows the board a little beside the photograph.\n"
@@ -111,19 +114,19 @@ def tank_scene(located: Located) -> Scene:
 
     Its walls are parallel: see `wedge_comment`.
     """
-    setup, tilt = located.setup, np.asarray(located.setup.tilt)
-    before = 1.1 * float(setup.thickness) + np.linalg.norm(tilt) * np.linalg.norm(located.board.half)
+    glass: Tank = located.setup.glass
+    before = 1.1 * float(glass.thickness) + np.linalg.norm(glass.tilt) * np.linalg.norm(located.board.half)
     tank = build.slab(
-        "tank", material="liquid", point=(0, 0, before), normal=(*tilt, 1), thickness=float(setup.thickness),
-        wall=float(setup.wall), wall_ior=max(float(setup.wall_ior), 1.0),
+        "tank", material="liquid", point=(0, 0, before), normal=(*glass.tilt, 1), thickness=float(glass.thickness),
+        wall=float(glass.wall), wall_ior=max(float(glass.wall_index), 1.0),
     )  # fmt: skip
-    liquid = build.material("liquid", transmission=1, ior=float(setup.ior))
+    liquid = build.material("liquid", transmission=1, ior=float(glass.ior))
     return _scene(located, PixelGrid.of(located.size, 1), np.zeros(3), [liquid, tank])
 
 
 def _scene(located: Located, grid: PixelGrid, ink: Float[np.ndarray, "3"], glass: Sequence[Description]) -> Scene:
     """The camera, the board with ink of this brightness, and what is before it."""
-    eye = _eye(located.setup.vector, located.size, grid)
+    eye = _eye(located.setup.camera, located.size, grid)
     half = located.board.half
     # Light that has been reflected within a ball three times is left out: of a glass of 1.8 it is 6e-4, of one of 1.5
     # 6e-5.
@@ -140,28 +143,29 @@ def _scene(located: Located, grid: PixelGrid, ink: Float[np.ndarray, "3"], glass
 
 
 @jit
-def _slope(vector: Float[Array, " numbers"], size, grid) -> Float[Array, "scene numbers"]:
+def _slope(setup: Setup, size, grid) -> Float[Array, "scene numbers"]:
     """The derivative of what `GLASS` and `UNCERTAIN` name by the set-up's numbers."""
+    numbers, setup_of = ravel_pytree(setup)
 
-    def of_scene(vector):
-        setup, eye = Setup.of(vector), _eye_of(vector, size, grid)
+    def of_scene(numbers):
+        setup = setup_of(numbers)
+        ball, eye = setup.glass, _eye_of(setup.camera, size, grid)
         camera = [eye[name] for name in ("viewpoint", "lookat", "fov", "distortion", "center")]
-        return jnp.hstack([setup.ior, setup.center, *camera, setup.radius])
+        return jnp.hstack([ball.ior, ball.center, *camera, ball.radius])
 
-    return jax.jacfwd(of_scene)(vector)
+    return jax.jacfwd(of_scene)(numbers)
 
 
-def _eye_of(vector: Float[Array, " numbers"], size, grid) -> dict[str, Float[Array, "..."]]:
+def _eye_of(seen_by: Camera, size, grid) -> dict[str, Float[Array, "..."]]:
     """The camera of the cut and binned picture, as a scene says it."""
-    setup = Setup.of(vector)
-    camera = camera_of(setup)
-    reach = jnp.tan(jnp.deg2rad(setup.fov) / 2) * (grid.size[0] * grid.binning / size[0])
+    camera = seen_by.of_scene
+    reach = jnp.tan(jnp.deg2rad(seen_by.fov) / 2) * (grid.size[0] * grid.binning / size[0])
     return {
         "viewpoint": camera.viewpoint,
         "lookat": camera.lookat,
         "up": camera.up,
         "fov": jnp.rad2deg(2 * jnp.arctan(reach)),
-        "center": (principal_point(setup, size) - jnp.asarray(grid.left, float) + 0.5) / grid.binning - 0.5,
+        "center": (seen_by.principal_point(size) - jnp.asarray(grid.left, float) + 0.5) / grid.binning - 0.5,
         "distortion": camera.distortion,
     }
 

@@ -10,8 +10,7 @@ from jaxtyping import Array, Bool, Float
 from scipy.spatial import KDTree
 
 from ..util.compilation import jit
-from . import geometry
-from .geometry import Seen, Setup
+from .geometry import Camera, Seen, Setup, Tank
 
 REACH = 0.94
 """What is seen through the glass counts within this fraction of the outline's radius: the rim is squashed and shows the
@@ -23,7 +22,7 @@ AT_ONCE = 1 << 12
 PixelPlaces = Float[np.ndarray, "n 2"]
 
 
-class Sight:
+class Projection:
     """What pixels see.
 
     Args:
@@ -32,29 +31,28 @@ class Sight:
     """
 
     def __init__(self, setup: Setup, size: tuple[int, int]):
-        self.setup, self.size, self._vector = setup, size, np.asarray(setup.vector, float)
+        self.setup, self.size = setup, size
 
-    def directly(self, pixels: PixelPlaces) -> tuple[PixelPlaces, Bool[np.ndarray, " n"]]:
+    def directly(self, pixels: PixelPlaces) -> Seen:
         """The place on the board's plane that each pixel sees if nothing is in the way, and whether it sees one."""
-        seen = self._by("see_directly", pixels)
-        return seen.place, seen.valid
+        return self._by("see", self.setup.beside, pixels)
 
     def through(self, pixels: PixelPlaces) -> Seen:
-        return self._by("see_through", pixels)
+        return self._by("see", self.setup, pixels)
 
     def where(self, places: Float[np.ndarray, "n 2"]) -> PixelPlaces:
         """The pixels in which places of the board are seen directly."""
         pixels = self._project(places)
-        for _ in range(6 if self.setup.depth > 0 else 0):  # Nearly where they would be in air: each round is nearer.
-            pixels = pixels + self._project(places) - self._project(self.directly(pixels)[0])
+        for _ in range(6 if self.setup.liquid else 0):  # Nearly where they would be in air: each round is nearer.
+            pixels = pixels + self._project(places) - self._project(self.directly(pixels).place)
         return pixels
 
     def _project(self, places: Float[np.ndarray, "n k"]) -> PixelPlaces:
         """The pixels of points, or of places of the board; about, if they lie in a liquid: they seem to be nearer."""
         points = np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
-        if self.setup.depth > 0:
-            points[:, 2] = self.setup.depth + (points[:, 2] - self.setup.depth) / self.setup.liquid
-        return self._by("project", points)
+        if (liquid := self.setup.liquid) is not None:
+            points[:, 2] = liquid.depth + (points[:, 2] - liquid.depth) / liquid.ior
+        return self._by("project", self.setup.camera, points)
 
     def where_through(
         self, places: Float[np.ndarray, "n 2"], half: Float[np.ndarray, "2"], reach: float = REACH
@@ -80,12 +78,13 @@ class Sight:
         pixels = grid[KDTree(np.where(counts[:, None], place, 1e9)).query(places)[1]]
         for _ in range(6):
             place, _ = see(pixels)
-            slopes = self._by("local_map", pixels)
+            slopes = self._by("local_map", self.setup, pixels)
             step = np.linalg.solve(slopes + 1e-12 * np.eye(2), (places - place)[..., None])[..., 0]
             length = np.linalg.norm(step, axis=1, keepdims=True)
             pixels = pixels + step * np.minimum(1, 0.1 * radius / np.maximum(length, 1e-12))
         place, counts = see(pixels)
-        stretch = 1 / np.maximum(np.linalg.svd(self._by("local_map", pixels), compute_uv=False)[:, 0], 1e-12)
+        largest = np.linalg.svd(self._by("local_map", self.setup, pixels), compute_uv=False)[:, 0]
+        stretch = 1 / np.maximum(largest, 1e-12)
         return pixels, stretch, counts & (np.linalg.norm(place - places, axis=1) * stretch < 0.01)
 
     @property
@@ -100,46 +99,45 @@ class Sight:
     @property
     def outline(self) -> tuple[Float[np.ndarray, "2"], float]:
         """Where the ball's centre is seen, and about how large its outline's radius is, in pixels; a tank fills all."""
-        if self.setup.thickness > 0:
+        ball = self.setup.glass
+        if isinstance(ball, Tank):
             return (np.array(self.size) - 1) / 2, max(self.size) / 2
-        center = self._project(self.setup.center[None])[0]
-        squared = float(np.sum((self.viewpoint - self.setup.center) ** 2))
-        radius = float(self.setup.radius)
+        center = self._project(ball.center[None])[0]
+        squared = float(np.sum((self.viewpoint - ball.center) ** 2))
+        radius = float(ball.radius)
         return center, radius / np.sqrt(max(squared - radius**2, 1e-9)) * float(self.focal_at(center))
 
     def center_of(self, center: Float[np.ndarray, "2"], radius: float) -> Float[np.ndarray, "3"]:
         """The centre of a ball of the set-up's radius that has this outline."""
         tangent = radius / float(self.focal_at(center))
-        off = np.append(self.directly(center[None])[0][0], 0.0) - self.viewpoint
-        distance = self.setup.radius * np.sqrt(1 + 1 / tangent**2)
+        off = np.append(self.directly(center[None]).place[0], 0.0) - self.viewpoint
+        distance = self.setup.glass.radius * np.sqrt(1 + 1 / tangent**2)
         return self.viewpoint + distance * off / np.linalg.norm(off)
 
     @functools.cached_property
     def _pinhole(self) -> Float[np.ndarray, "6"]:
         """The viewpoint, the principal point and the focal length; in a liquid those from which rays in it come."""
-        found = np.array(_pinhole(self._vector, np.asarray(self.size, float)))
-        if self.setup.depth > 0:
-            found[2] = self.setup.depth + (found[2] - self.setup.depth) * self.setup.liquid
-            found[5] *= self.setup.liquid
-        return found
+        pinhole = np.array(_pinhole(self.setup.camera, np.asarray(self.size, float)))
+        if (liquid := self.setup.liquid) is not None:
+            pinhole[2] = liquid.depth + (pinhole[2] - liquid.depth) * liquid.ior
+            pinhole[5] *= liquid.ior
+        return pinhole
 
-    def _by(self, what: str, values: np.ndarray) -> Any:
-        """The results of a function of `geometry` for many rows, some at a time, as arrays of NumPy."""
-        count, size, found = len(values), np.asarray(self.size, float), []
+    def _by(self, method: str, of: Camera | Setup, values: np.ndarray) -> Any:
+        """The results of a method of camera or set-up for many rows, some at a time, as arrays of NumPy."""
+        count, size, results = len(values), np.asarray(self.size, float), []
         for first in range(0, max(count, 1), AT_ONCE):
             part = values[first : first + AT_ONCE]
             rows = np.pad(np.asarray(part, float), ((0, AT_ONCE - len(part)), (0, 0)))
-            found.append(_run(self._vector, size, rows, what=what))
-        return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *found)
+            results.append(_run(of, size, rows, method=method))
+        return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *results)
 
 
-@jit(static_argnames="what")
-def _run(vector: Float[Array, " numbers"], size: Float[Array, "2"], rows: Float[Array, "n k"], what: str):
-    return getattr(geometry, what)(Setup.of(vector), size, rows)
+@jit(static_argnames="method")
+def _run(of: Camera | Setup, size: Float[Array, "2"], rows: Float[Array, "n k"], method: str):
+    return getattr(of, method)(size, rows)
 
 
 @jit
-def _pinhole(vector: Float[Array, " numbers"], size: Float[Array, "2"]):
-    setup = Setup.of(vector)
-    principal_point, focal = geometry.principal_point(setup, size), geometry.focal_length(setup, size)
-    return jnp.concatenate([geometry.camera_of(setup).viewpoint, principal_point, focal[None]])
+def _pinhole(camera: Camera, size: Float[Array, "2"]):
+    return jnp.hstack([camera.of_scene.viewpoint, camera.principal_point(size), camera.focal_length(size)])

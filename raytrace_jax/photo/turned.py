@@ -10,8 +10,8 @@ from ..errors import PictureError, RaytraceWarning
 from .boards import CharucoBoard
 from .find_camera import FoundCamera, find_camera, one_lens, one_size
 from .lens import LensPrior, Turn, uncalibrated
+from .markers import layers_of
 from .photograph import Photograph
-from .tank import layers_of
 
 QUARTERS = {6: "clockwise", 8: "counterclockwise"}
 """Turns by which a picture is as wide as it was high, as EXIF numbers them. Mirrored pictures are mirrored before."""

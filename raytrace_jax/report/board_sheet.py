@@ -3,13 +3,12 @@
 import math
 
 import numpy as np
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
 from ..errors import RaytraceError
-from ..photo.board_pattern import LEAST, Pattern
+from ..photo.boards import LEAST, Pattern
 from ..util.text import PAPERS, PaperName
 
 MARGIN = 10.0
@@ -61,17 +60,15 @@ def draw_sheet(pattern: Pattern, paper: PaperName) -> Figure:
     left = (width - cell * cells.shape[1]) / 2
     top = height - MARGIN - (room[1] - cell * cells.shape[0]) / 2
     # One path for all: where its parts touch, renderers add up their shares of a pixel, and no hairline shows.
-    corners = rectangles(cells)[:, [[0, 1], [0, 3], [2, 3], [2, 1], [0, 1]]]
-    places = np.array([left, top]) + cell * np.array([1, -1]) * corners
-    codes = [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY]
-    outline = Outline(places.reshape(-1, 2), np.tile(np.array(codes, Outline.code_type), len(places)))
+    corners = rectangles(cells)[:, [[0, 1], [0, 3], [2, 3], [2, 1]]]
+    outline = Outline.make_compound_path_from_polys(np.array([left, top]) + cell * np.array([1, -1]) * corners)
     ax.add_patch(PathPatch(outline, facecolor="black", edgecolor="none", linewidth=0, snap=False))
     ruler, tick = 100.0, 2.0  # millimetres
     # A tick every 10 mm, a longer one every 50; the line of text stands 6 mm above the ruler.
     marks = np.arange(0, ruler + 1, 10)
-    ticks = [[(MARGIN + at, MARGIN), (MARGIN + at, MARGIN + (tick if at % 50 else 3.0))] for at in marks]
-    line = [(MARGIN, MARGIN), (MARGIN + ruler, MARGIN)]
-    ax.add_collection(LineCollection([line, *ticks], colors="black", linewidths=0.4, capstyle="butt"), autolim=False)
+    pen = {"colors": "black", "linewidths": 0.4, "capstyle": "butt"}
+    ax.hlines(MARGIN, MARGIN, MARGIN + ruler, **pen)
+    ax.vlines(MARGIN + marks, MARGIN, MARGIN + np.where(marks % 50, tick, 3.0), **pen)
     style = {"fontsize": 8.0, "color": "black", "parse_math": False}
     ax.text(MARGIN + ruler + tick, MARGIN, f"check: {ruler:g} mm", **style)
     ax.text(MARGIN, MARGIN + 6.0, sheet_words(pattern, paper), **style)

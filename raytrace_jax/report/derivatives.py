@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..images import Transfer
-from ..tracer.derivatives import PictureDerivatives
+from ..tracer.rendering import PictureDerivatives
 from .differences import correlation, relative_error
 from .panels import as_pixels, draw_signed_values, drawable, panel_bands
 
@@ -63,7 +63,7 @@ def check_derivative(
     squares, errors = np.sum(derivative**2, axis=0), np.sum((derivative - difference) ** 2, axis=0)
     depends = int(np.count_nonzero(squares + errors))
     # The exceptions are left out, the worst first, until the rest agrees: what is left when k = 0, 1, ... are out.
-    expected, worst_first = np.sum(difference**2, axis=0).ravel(), np.argsort(-errors, axis=None, kind="stable")
+    expected, worst_first = np.sum(difference**2, axis=0), np.argsort(-errors, axis=None, kind="stable")
     left_errors, left_expected = (
         np.append(np.cumsum(values.ravel()[worst_first][::-1])[::-1], 0.0) for values in (errors, expected)
     )
@@ -72,15 +72,15 @@ def check_derivative(
     # A single pixel decides if it holds a tenth of the squared norm, is off by more than half of itself, and by more
     # than the differences' own error in the whole picture, which may all lie in it.
     outstanding = (squares > 0.1 * np.sum(squares)) & (errors > 0.5**2 * squares)
-    outstanding &= errors > spread**2 * np.sum(difference**2)
+    outstanding &= errors > spread**2 * np.sum(expected)
 
     # The words name the pixel that adds most to the error.
     row, column = np.unravel_index(np.argmax(errors), errors.shape)
-    channel = int(np.argmax(np.abs(derivative - difference)[:, row, column]))
+    here, there = derivative[:, row, column], difference[:, row, column]
+    channel = int(np.argmax(np.abs(here - there)))
     fraction = float(squares[row, column] / max(np.sum(squares), np.finfo(float).tiny))
-    here, said = (values[channel, row, column] for values in (derivative, difference))
     worst = f"pixel ({origin[0] + column}, {origin[1] + row}) holds {100 * fraction:.0f} % of the squared norm"
-    worst += f", {'RGB'[channel]} {here:.3g} where the difference says {said:.3g}"
+    worst += f", {'RGB'[channel]} {here[channel]:.3g} where the difference says {there[channel]:.3g}"
 
     # Differences that are themselves uncertain prove nothing. Wrong pixels are exceptions up to 0.5 % of those that
     # depend on the parameter, and a disagreement beyond.
@@ -115,7 +115,7 @@ def draw_gradients(
     columns = math.ceil(panels / math.ceil(panels / 5))
     rows_each = 1 if differences is None else 2
     panel_height = min(6.0, max(1.2, 2.1 * height / width))
-    band_height = rows_each * panel_height + 0.35 + (0.85 if rows_each == 2 else 0)
+    band_height = rows_each * panel_height + 0.35 + 0.85 * (rows_each - 1)
     figure, axes = panel_bands(panels, columns, rows_each, 3.0, band_height)
     axes[0, 0].imshow(as_pixels(found.image, transfer))
     axes[0, 0].set_title("picture", fontsize=9)
@@ -124,16 +124,15 @@ def draw_gradients(
         axes[0, 1].set_axis_off()
 
     # A derivative and its difference share one colour scale, so that eyes can compare them.
-    for number, (name, unit) in enumerate(zip(found.names, found.units, strict=True)):
-        above, *below = axes[1 + number]
-        derivative = np.asarray(found.values)[number]
-        limit = scale_limit(derivative) or (scale_limit(differences[number]) if differences is not None else 0) or 1.0
+    for k, (name, unit, derivative) in enumerate(zip(found.names, found.units, np.asarray(found.values), strict=True)):
+        above, *below = axes[1 + k]
+        limit = scale_limit(derivative) or (scale_limit(differences[k]) if differences is not None else 0) or 1.0
         draw_signed(above, derivative, limit, unit, drawable(f"d.{name}", 34), origin)
-        if below and differences is not None:
-            error, agreement = (f(derivative, differences[number]) for f in (relative_error, correlation))
+        if differences is not None:
+            error, agreement = (f(derivative, differences[k]) for f in (relative_error, correlation))
             words = f"relative L2 error {error:.3g}", f"correlation {agreement:.3f}".replace("-", "−")
-            title = "\n".join(["finite difference", *words, *verdicts[number : number + 1]])
-            draw_signed(below[0], differences[number], limit, unit, title, origin)
+            title = "\n".join(["finite difference", *words, *verdicts[k : k + 1]])
+            draw_signed(below[0], differences[k], limit, unit, title, origin)
     return figure
 
 

@@ -9,12 +9,10 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from ..errors import ParameterError
-from ..scene.parameters import get_parameter, row_of_names, scalar_names, set_parameters, with_film
+from ..scene.parameters import get_parameter, row_of_names, scalar_names, set_parameters, with_response
 from ..scene.scene import Scene
-from ..tracer.derivatives import differentiated_names
-from ..tracer.rendering import render
-from ..tracer.resolved_settings import resolve_settings
-from ..tracer.settings import RenderSettings
+from ..tracer.rendering import differentiated_names, render
+from ..tracer.settings import RenderSettings, resolve_settings
 from ..util.text import quoted
 
 HALVINGS = 4
@@ -49,7 +47,7 @@ def finite_differences(
     settings = resolve_settings(scene, settings)
     if not (np.isfinite(step) and step > 0):
         raise ValueError(f"step is {step}; it can be any number greater than 0")
-    scene = with_film(scene, names := row_of_names(names))
+    scene = with_response(scene, names := row_of_names(names))
     settings = dataclasses.replace(settings, edges="point", samples=samples, aov=())
     # A step that a parameter cannot take is refused before the first picture.
     ends = {name: _ends(scene, name, step) for name in differentiated_names(scene, names)}
@@ -99,6 +97,8 @@ def _ends(scene: Scene, name: str, step: float) -> tuple[Scene, Scene]:
 
 
 class Differences(NamedTuple):
+    """Difference quotients of a picture, and how they were made."""
+
     values: Float[np.ndarray, "parameters 3 height width"]
     spreads: tuple[float, ...]  # The relative L2 differences from those by twice the step: about their own errors.
     steps: tuple[float, ...]  # How far each parameter moved to either side, before its limits.

@@ -10,10 +10,9 @@ from ..images import Transfer
 from ..images.exr import write_exr
 from ..scene.scene import Scene
 from ..scene.writer import format_scene
-from ..tracer.derivatives import PictureDerivatives
 from ..tracer.film import Film
-from ..tracer.resolved_settings import ResolvedSettings, resolve_settings
-from ..tracer.settings import RenderSettings
+from ..tracer.rendering import PictureDerivatives
+from ..tracer.settings import RenderSettings, ResolvedSettings, resolve_settings
 from ..util.checked import refuse_other
 from ..util.files import strict
 from .differences import Differences
@@ -80,6 +79,6 @@ def how_made(scene: Scene | str, settings: ResolvedSettings) -> dict[str, object
     """The metadata of a picture's file: all that it takes to make it again; a scene may be its file's text."""
     return {
         "scene": scene if isinstance(scene, str) else format_scene(scene, model=settings.model),
-        "settings": strict(dataclasses.asdict(settings.of_points)),
+        "settings": strict(dataclasses.asdict(settings.with_edges("point"))),
         "version": __version__,
     }

@@ -2,8 +2,8 @@
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -11,9 +11,8 @@ from ..images import Transfer
 from ..scene.parameters import blocks_of, set_parameters
 from ..scene.scene import Scene
 from ..scene.setting_words import ModelName
-from ..tracer.derivatives import PictureDerivatives, picture_derivatives
-from ..tracer.rendering import render
-from ..tracer.resolved_settings import ResolvedSettings
+from ..tracer.rendering import PictureDerivatives, picture_derivatives, render
+from ..tracer.settings import ResolvedSettings
 from . import GallerySet
 from .derivatives import draw_signed, scale_limit
 from .panels import as_pixels, panel_bands
@@ -42,19 +41,17 @@ def _scene(glass: str = "ior 1.5168", more: str = "", board: str = _BOARD, ball:
     return _GLASS.format(glass=glass, more=more, board=board, ball=ball)
 
 
-@dataclasses.dataclass(frozen=True)
-class Variant:
+class Variant(NamedTuple):
     """One picture of a gallery, away from the whole model by a few settings and a few values."""
 
     name: str  # For its files, without a suffix.
     title: str
-    switches: Mapping[str, object] = dataclasses.field(default_factory=dict)  # Settings unlike the gallery's.
-    materials: Mapping[str, float] = dataclasses.field(default_factory=dict)  # Attributes of all materials.
+    switches: Mapping[str, object] = {}  # Settings unlike the gallery's.
+    materials: Mapping[str, float] = {}  # Attributes of all materials.
     text: str = ""  # Of a scene of its own; empty where that of the gallery is meant.
 
 
-@dataclasses.dataclass(frozen=True)
-class Gallery:
+class Gallery(NamedTuple):
     """A set of pictures, so many `columns` in a row."""
 
     model: ModelName
@@ -108,16 +105,15 @@ def render_gallery(
     """
     for variant in gallery.variants:
         scene = scene_of(variant)
-        names = [block.name for block in blocks_of(scene, "material")]
-        changed = {f"{name}.{what}": value for what, value in variant.materials.items() for name in names}
+        materials = [block.name for block in blocks_of(scene, "material")]
+        changed = {f"{name}.{what}": value for what, value in variant.materials.items() for name in materials}
         varied = set_parameters(scene, changed)
         how = dataclasses.replace(settings, **variant.switches, **({"edges": "aware"} if wrt else {}))
         if wrt:
-            found = picture_derivatives(varied, wrt, how)
+            yield variant, varied, how, picture_derivatives(varied, wrt, how)
         else:
             image = render(varied, how).image
-            found = PictureDerivatives(image, (), jnp.zeros((0, *image.shape), image.dtype))
-        yield variant, varied, how, found
+            yield variant, varied, how, PictureDerivatives(image, (), image[None][:0])
 
 
 def draw_gallery(

@@ -20,10 +20,9 @@ from ..images import Transfer
 from ..scene.parameters import get_parameter, resolve, set_parameters
 from ..scene.scene import Scene
 from ..scene.setting_words import EdgeMode
-from ..tracer.derivatives import picture_derivatives
 from ..tracer.ray_tree import trace_tree
-from ..tracer.rendering import render
-from ..tracer.resolved_settings import ResolvedSettings
+from ..tracer.rendering import picture_derivatives, render
+from ..tracer.settings import ResolvedSettings
 from ..util.digits import format_number
 from ..util.text import parse_number
 from .derivatives import scale_limit
@@ -67,10 +66,14 @@ class Studio:
     compiled: set[str] = dataclasses.field(default_factory=set)
     """What was made before, of "picture", "derivative" and "rays"; anything else is compiled first."""
 
+    @property
+    def names(self) -> list[str]:
+        """The names of the numbers that move."""
+        return [slider.name for slider in self.sliders]
+
     def values(self, scene: Scene) -> dict[str, str]:
         """The numbers of a scene that move, written so that reading them gives the same bits."""
-        numbers = {slider.name: np.asarray(get_parameter(scene, slider.name)) for slider in self.sliders}
-        return {name: format_number(number.dtype.type(number)) for name, number in numbers.items()}
+        return {name: format_number(np.asarray(get_parameter(scene, name)).flat[0]) for name in self.names}
 
     def picture(self, scene: Scene) -> bytes:
         image = np.asarray(render(scene, self.settings).image)
@@ -79,10 +82,11 @@ class Studio:
 
     def derivative(self, scene: Scene, name: str) -> tuple[bytes, dict[str, Any]]:
         """The derivative by a number as PNG, the mean of R, G and B, and the scale of its colours as `scale_of`."""
-        names = [slider.name for slider in self.sliders]  # By all of them: then one program is compiled.
-        found = picture_derivatives(scene, names, dataclasses.replace(self.settings, edges=self.edges))
+        settings = dataclasses.replace(self.settings, edges=self.edges)
+        derivatives = picture_derivatives(scene, self.names, settings)  # By all names: then one program is compiled.
         self.compiled.add("derivative")
-        mean = np.nan_to_num(np.asarray(found.values[found.names.index(name)].mean(axis=0), np.float64))
+        values = derivatives.values[derivatives.names.index(name)]
+        mean = np.nan_to_num(np.asarray(values.mean(axis=0), np.float64))
         scale: dict[str, Any] = scale_of(mean) | {"unit": resolve(scene, name).attribute.unit}
         return png_bytes(Image.fromarray(signed_pixels(mean, float(scale["limit"])))), scale
 
@@ -151,21 +155,20 @@ def answer(studio: Studio, title: str, path: str) -> tuple[bytes, str, int]:
         return render_page(studio, title).encode(), "text/html; charset=utf-8", 200
     if parts.path not in ("/picture", "/derivative", "/rays"):
         return b"there is no such page", "text/plain", 404
-    names = [slider.name for slider in studio.sliders]
-    scene = set_parameters(studio.scene, {name: _number(query, name) for name in names if name in query})
-    told: dict[str, object] = {"values": studio.values(scene)}
+    scene = set_parameters(studio.scene, {name: _number(query, name) for name in studio.names if name in query})
+    reply: dict[str, object] = {"values": studio.values(scene)}
+    media = "image/png"
     if parts.path == "/picture":
-        told["image"] = data_address(studio.picture(scene))
+        image = studio.picture(scene)
     elif parts.path == "/derivative":
-        by = query.get("by", "")
-        if by not in names:
-            raise ParameterError(f"by is {by!r}; there are {', '.join(names)}.")
-        image, told["scale"] = studio.derivative(scene, by)
-        told["image"] = data_address(image)
+        name = query.get("by", "")
+        if name not in studio.names:
+            raise ParameterError(f"by is {name!r}; there are {', '.join(studio.names)}.")
+        image, reply["scale"] = studio.derivative(scene, name)
     else:
-        column, row = (int(_number(query, key)) for key in ("column", "row"))
-        told["image"] = data_address(studio.rays(scene, column, row), "image/svg+xml")
-    return json.dumps(told | {"compiled": sorted(studio.compiled)}).encode(), "application/json", 200
+        image, media = studio.rays(scene, *(int(_number(query, key)) for key in ("column", "row"))), "image/svg+xml"
+    reply |= {"image": data_address(image, media), "compiled": sorted(studio.compiled)}
+    return json.dumps(reply).encode(), "application/json", 200
 
 
 def _number(query: Mapping[str, str], key: str) -> float:
@@ -183,7 +186,7 @@ def render_page(studio: Studio, title: str) -> str:
         | {key: format_number(np.float64(getattr(slider, key))) for key in ("start", "stop", "step")}
         for slider in studio.sliders
     ]
-    return page_template("raytrace_jax.report", "live.html.jinja").render(
+    return page_template("report/live.html.jinja").render(
         title=title,
         sliders=sliders,
         window=studio.settings.window(studio.scene.camera.pixeldim),

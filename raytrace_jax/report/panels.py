@@ -1,8 +1,8 @@
 """What figures and pages share: pixels for a screen, signed colours with their scale, letters of panels, templates."""
 
 import base64
-import importlib.resources
 import io
+import itertools
 from collections.abc import Callable, Iterable, Mapping
 from string import ascii_lowercase
 from typing import Any
@@ -46,6 +46,7 @@ def draw_signed_values(ax: Axes, values: np.ndarray, limit: float, extends: bool
 
 
 def remove_ticks(axes: Iterable[Axes]) -> None:
+    """Take the ticks off axes that show pictures."""
     for ax in axes:
         ax.set(xticks=[], yticks=[])
 
@@ -65,22 +66,31 @@ def panel_bands(count: int, columns: int, rows_each: int, width: float, height: 
     return figure, places[:count]
 
 
-def page_template(package: str, name: str, filters: Mapping[str, Callable[..., Any]] | None = None) -> jinja2.Template:
-    """The template in a file of a package such as `raytrace_jax.batch`; text is escaped, undefined names are errors."""
+def page_template(name: str, filters: Mapping[str, Callable[..., Any]] | None = None) -> jinja2.Template:
+    """The template in a file of `raytrace_jax`, as `batch/index.html.jinja`; text is escaped.
+
+    A name that is not defined is an error.
+    """
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=jinja2.PackageLoader("raytrace_jax", ""),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters |= filters or {}
-    return environment.from_string(importlib.resources.files(package).joinpath(name).read_text(encoding="utf-8"))
+    return environment.get_template(name)
 
 
 def png_bytes(image: Image.Image) -> bytes:
+    """The bytes of a PNG file of a picture, made quickly."""
     file = io.BytesIO()
     image.save(file, "PNG", compress_level=1)
     return file.getvalue()
 
 
 def data_address(body: bytes, media: str = "image/png") -> str:
+    """A `data:` URL of some bytes, for a page that needs no other file."""
     return f"data:{media};base64,{base64.b64encode(body).decode()}"
 
 
@@ -93,8 +103,7 @@ def drawable(name: str, longest: int) -> str:
 
 def letter_panels(axes: Iterable[Axes]) -> None:
     """Put (a), (b), (c) and so on before the titles of the panels that have one and are seen."""
-    letters = ["", *ascii_lowercase]
-    names = (before + last for before in letters for last in ascii_lowercase)
+    names = map("".join, itertools.product(["", *ascii_lowercase], ascii_lowercase))
     for ax in axes:
         if ax.get_visible() and ax.get_title():
             ax.title.set_text(f"({next(names)}) {ax.get_title()}")

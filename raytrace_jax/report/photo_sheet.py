@@ -10,9 +10,10 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from ..inverse.judge.assumptions import Contradiction
+from ..inverse.judge.model_check import Contradiction
 from ..photo.flattened import AROUND, Flattened
-from ..photo.locate import Diagnostics, Located
+from ..photo.geometry import Ball
+from ..photo.locate import Located, PhotoResult
 from ..photo.outline import Disc
 from ..photo.photograph import Corners, PixelGrid
 from .fit_report.summary import estimate_line
@@ -33,7 +34,7 @@ def draw_photo_sheet(
     `flat` is the photograph without the light of its room, None where that could not be told. `long` writes the index
     as 1.5187 ± 0.0011 in place of 1.5187(11). `otherwise` is what the photograph contradicts.
     """
-    is_ball = located.setup.radius > 0
+    is_ball = isinstance(located.setup.glass, Ball)
     figure = Figure(figsize=(13.0, 8.2 if is_ball else 4.8), dpi=130, layout="constrained")
     axes = figure.subplot_mosaic("aab;cde" if is_ball else "aab", width_ratios=(1, 1, 1.1))
     discs = [Disc(*located.sight.outline)] if is_ball else []
@@ -56,21 +57,21 @@ def draw_photo_sheet(
     return figure
 
 
-def draw_refused(image: Float[np.ndarray, "3 height width"], taken: Diagnostics, why: str) -> Figure:
+def draw_refused(image: Float[np.ndarray, "3 height width"], result: PhotoResult) -> Figure:
     """Draw a scene-linear photograph that tells no index, with what was taken for what in it, and say why."""
     figure = Figure(figsize=(13.0, 5.6), dpi=130, layout="constrained")
-    axes = figure.subplot_mosaic("aab" if taken.discs else "a")
-    _draw_taken(axes, image, taken.direct, taken.through, taken.discs)
-    axes["a"].add_collection(PolyCollection(list(taken.markers), facecolor="none", edgecolor=MARKER, linewidth=0.8))
-    direct, through, count = len(taken.direct.pixels), len(taken.through.pixels), len(taken.discs)
-    words = f"{len(taken.markers)} markers decoded (green), {direct} corners of the board (blue)"
+    axes = figure.subplot_mosaic("aab" if result.discs else "a")
+    _draw_taken(axes, image, result.direct, result.through, result.discs)
+    axes["a"].add_collection(PolyCollection(list(result.markers), facecolor="none", edgecolor=MARKER, linewidth=0.8))
+    direct, through, count = len(result.direct.pixels), len(result.through.pixels), len(result.discs)
+    words = f"{len(result.markers)} markers decoded (green), {direct} corners of the board (blue)"
     axes["a"].set_title(words, fontsize=9)
-    if taken.discs:
+    if result.discs:
         disc = "disc" if count == 1 else f"{count} discs"
         axes["b"].set_title(f"{disc} taken for the ball, {through} corners through it (red)", fontsize=9)
     remove_ticks(axes.values())
     letter_panels(axes.values())
-    figure.suptitle(textwrap.fill(why, 150), fontsize=10)
+    figure.suptitle(textwrap.fill(result.reason, 150), fontsize=10)
     return figure
 
 

@@ -1,7 +1,5 @@
 """Drawings of a pixel's tree of rays from the side, with the shapes cut by the plane nearest to the rays."""
 
-import itertools
-
 import jax
 import numpy as np
 from jaxtyping import Float
@@ -17,8 +15,7 @@ from ..scene.slabs import with_planes
 from ..tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes, shape_materials
 from ..tracer.geometry.shapes import CuttingPlane, Section
 from ..tracer.ray_tree import KINDS, RayNode, RayTree
-from ..tracer.resolved_settings import ResolvedSettings, resolve_settings
-from ..tracer.settings import RenderSettings
+from ..tracer.settings import RenderSettings, ResolvedSettings, resolve_settings
 from ..util.numerics import TINY
 from .films import screen_transfer
 from .panels import as_pixels, drawable
@@ -49,9 +46,9 @@ def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPla
 
 def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedSettings) -> dict[str, Section]:
     """Each shape as a drawing shows it that reaches so far from the plane's centre, by name in the file's order."""
-    shapes = jax.tree.map(np.asarray, scene_shapes(scene))
+    shapes = jax.tree.map(np.asarray, scene_shapes(scene, settings))
     return {
-        name: SHAPE_TYPES[kind].section(jax.tree.map(lambda x, i=i: x[..., i], shapes), view, reach, settings)
+        name: SHAPE_TYPES[kind].section(jax.tree.map(lambda x, i=i: x[..., i], shapes), view, reach)
         for i, (name, kind) in enumerate(zip(scene.shape_order, shapes.types, strict=True))
     }
 
@@ -65,8 +62,7 @@ def window(
     crossed = {hit[node.parent] for node in tree.nodes if node.parent is not None and node.kind == KINDS[1]}
     ends += [point for name, section in shown.items() if name in crossed for point in section.outline]
     root = tree.nodes[0]
-    if not ends:
-        ends = [view.project(root.o), view.project(root.o + root.d)]
+    ends = ends or [view.project(root.o), view.project(root.o + root.d)]
     low, high = np.min(ends, axis=0), np.max(ends, axis=0)
     size = max(float(np.max(high - low)), 0.5 if root.shape is None else 0.5 * root.distance)
     if root.shape is not None:
@@ -141,14 +137,14 @@ def _draw_shapes(
                 face = "#dcecfb" if through[material] > 0 else "#e9e9e9"
                 ax.add_patch(Polygon(cut, facecolor=face, edgecolor="0.4", linewidth=1.0, alpha=0.75))
             if len(inside) and (len(cut) or name in hit):
-                left, right = inside[:, 0].min(), inside[:, 0].max()
-                _name(ax, name, np.array([(left + right) / 2, inside[:, 1].max()]))
+                low_end, high_end = inside.min(axis=0), inside.max(axis=0)
+                _name(ax, name, np.array([(low_end[0] + high_end[0]) / 2, high_end[1]]))
         elif len(inside):
             ax.plot(inside[:, 0], inside[:, 1], color="0.4", linewidth=1.6, solid_capstyle="butt", zorder=1.5)
-            places = inside[(np.linspace(0.1, 0.85, 16) * len(inside)).astype(int)]
-            place = max(places, key=lambda place: min(np.linalg.norm(place - other) for other in busy))
-            busy.append(place)
-            _name(ax, name, place, rises=bool(np.prod(inside[-1] - inside[0]) > 0))
+            points = inside[(np.linspace(0.1, 0.85, 16) * len(inside)).astype(int)]
+            point = max(points, key=lambda point: min(np.linalg.norm(point - other) for other in busy))
+            busy.append(point)
+            _name(ax, name, point, rises=bool(np.prod(inside[-1] - inside[0]) > 0))
 
 
 def _name(ax: Axes, name: str, place: np.ndarray, rises: bool = False) -> None:
@@ -166,11 +162,9 @@ def _name(ax: Axes, name: str, place: np.ndarray, rises: bool = False) -> None:
 
 
 def _draw_ray(ax: Axes, node: RayNode, view: CuttingPlane, stub: float) -> None:
-    start = view.project(node.o)
-    missed = node.shape is None
-    end = view.project(node.o + node.d * stub) if missed else view.project(node.p)
-    color = COLOURS[node.kind]
-    style = {"linewidth": 0.7 + (4.0 - 0.7) * node.weight, "linestyle": (0, (2, 1.5)) if missed else "-", "alpha": 0.85}
+    missed, color = node.shape is None, COLOURS[node.kind]
+    start, end = view.project(node.o), view.project(node.o + node.d * stub if missed else node.p)
+    style = {"linewidth": 0.7 + 3.3 * node.weight, "linestyle": (0, (2, 1.5)) if missed else "-", "alpha": 0.85}
     ax.plot(*zip(start, end, strict=True), zorder=3, solid_capstyle="round", color=color, **style)
     tip = start + (end - start) * (1.0 if missed else 0.55)
     arrow = {"arrowstyle": "-|>", "color": color, "alpha": 0.9, "mutation_scale": 8 + 5 * node.weight}
@@ -179,29 +173,28 @@ def _draw_ray(ax: Axes, node: RayNode, view: CuttingPlane, stub: float) -> None:
 
 def _draw_numbers(ax: Axes, tree: RayTree, view: CuttingPlane, size: float, transfer: Transfer) -> None:
     """Number each hit beside its point, where no other number is, on the colour that a screen shows of its ray."""
-    taken: list[np.ndarray] = []
+    angles = np.arange(12) * np.pi / 6
+    around = 1.5 * size * np.multiply.outer((1, 2, 3, 4), np.stack([np.cos(angles), np.sin(angles)], axis=1))
+    occupied: list[np.ndarray] = []
     for node in tree.nodes:
         if node.shape is None:
             continue
-        place = view.project(node.p)
-        ax.plot(*place, marker="o", markersize=2.5, color="0.1", zorder=4)
-        spots = (
-            place + 1.5 * size * ring * np.array([np.cos(turn * np.pi / 6), np.sin(turn * np.pi / 6)])
-            for ring, turn in itertools.product((1, 2, 3, 4), range(12))
-        )
-        spot = next((s for s in spots if all(np.linalg.norm(s - t) > 1.7 * size for t in taken)), place)
-        taken.append(spot)
+        point = view.project(node.p)
+        ax.plot(*point, marker="o", markersize=2.5, color="0.1", zorder=4)
+        spots = point + around.reshape(-1, 2)
+        spot = next((s for s in spots if all(np.linalg.norm(s - t) > 1.7 * size for t in occupied)), point)
+        occupied.append(spot)
         color = as_pixels(np.asarray(node.color)[:, None, None], transfer)[0, 0] / 255
         looks = {"fontsize": 7, "color": "white" if color @ [0.3, 0.6, 0.1] < 0.5 else "black"}
         circle = {"boxstyle": "circle,pad=0.25", "facecolor": tuple(color), "edgecolor": "0.3", "linewidth": 0.6}
         line = {"arrowstyle": "-", "color": "0.5", "linewidth": 0.5, "shrinkA": 0}
         where = {"xytext": tuple(spot), "ha": "center", "va": "center", "zorder": 5}
-        ax.annotate(str(node.number), tuple(place), bbox=circle, arrowprops=line, **where, **looks)
+        ax.annotate(str(node.number), tuple(point), bbox=circle, arrowprops=line, **where, **looks)
 
 
 def _draw_legend(ax: Axes, tree: RayTree) -> None:
-    found = {node.kind for node in tree.nodes}
-    lines = [Line2D([], [], color=COLOURS[kind], linewidth=2.2, label=kind) for kind in COLOURS if kind in found]
+    kinds = {node.kind for node in tree.nodes}
+    lines = [Line2D([], [], color=color, linewidth=2.2, label=kind) for kind, color in COLOURS.items() if kind in kinds]
     if any(node.shape is None for node in tree.nodes):
         lines.append(Line2D([], [], color="0.4", linewidth=1.2, linestyle=(0, (2, 1.5)), label="hits nothing"))
     title = "rays, as thick as they count;\nnumbers lie on the colour\nthat the ray brings back"
@@ -210,4 +203,5 @@ def _draw_legend(ax: Axes, tree: RayTree) -> None:
 
 
 def _vector(v: np.ndarray) -> str:
-    return "(" + ", ".join(f"{x + 0.0:.2f}".replace("-0.00", "0.00").replace("-", "−") for x in v) + ")"
+    # `z` writes no minus sign before zero.
+    return f"({', '.join(f'{x:z.2f}' for x in v)})".replace("-", "−")

@@ -12,7 +12,6 @@ checked.
 """
 
 import functools
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from typing import Any
 from jax.typing import DTypeLike
 
 from ..errors import SceneError
+from ..util.files import StrPath
 from ..util.text import did_you_mean, listed, quoted
 from .rows import Description, assemble, describe, floating
 from .scene import Scene
@@ -47,9 +47,7 @@ def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: Mode
     return assemble(settings_first, float_dtype, model, SceneError)
 
 
-def scene_from_dict(
-    values: Mapping[str, Any], *, folder: str | os.PathLike[str] = ".", dtype: DTypeLike | None = None
-) -> Scene:
+def scene_from_dict(values: Mapping[str, Any], *, folder: StrPath = ".", dtype: DTypeLike | None = None) -> Scene:
     """The scene of the values of `writer.scene_to_dict`, of which `model` may be missing.
 
     The paths of pictures begin in `folder`. Raises SceneError for values that are no scene.

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from ..errors import ModelFileError
-from ..util.files import as_path
+from ..util.files import StrPath, as_path
 from ..util.text import listed
 
 
@@ -20,12 +20,13 @@ def scene_folder() -> Path:
     return next((folder for folder in folders if folder.is_dir()), folders[0])
 
 
-def scene_path(path: str | os.PathLike[str]) -> Path:
+def scene_path(path: StrPath) -> Path:
     """The file that a path means: the path's own file, or where there is none the bundled scene of that name."""
     given = as_path(path, ModelFileError)
     return given if os.path.lexists(given) else bundled_scenes().get(os.fspath(path), given)
 
 
-def no_such_scene(path: str | os.PathLike[str]) -> str:
+def no_such_scene(path: StrPath) -> str:
+    """The error of a path that is neither a file nor the name of a scene that comes with the package."""
     others = "" if Path(path).suffix else f", and no scene of that name, as there are {listed(bundled_scenes())}"
     return f"{path}: there is no such file{others}."

@@ -2,6 +2,7 @@
 
 import jax
 import numpy as np
+from numpy.linalg import norm
 from scipy.spatial import KDTree
 
 from ..errors import SceneError
@@ -86,9 +87,11 @@ def _unlit_shapes(scene: Scene) -> list[str]:
     if _is_set(scene.lights.emissivity):
         return []
     materials = {shape.name: material_of(scene, shape).read_all(scene) for shape in shape_blocks(scene)}
-    own = ("emission", "reflectivity", "transmission")
+    others = ("emission", "reflectivity", "transmission")
     return [
-        name for name, of in materials.items() if _is_set(of["diffuse"]) and not any(_is_set(of[key]) for key in own)
+        name
+        for name, values in materials.items()
+        if _is_set(values["diffuse"]) and not any(_is_set(values[other]) for other in others)
     ]
 
 
@@ -110,9 +113,9 @@ def _unresolved_glass(scene: Scene) -> list[str]:
         of = {name: np.asarray(value, np.float64) for name, value in shape.read_all(scene).items()}
         if shape.keyword == "sphere":
             surfaces.append([*(of["center"] - eye), of["radius"], length])
-            to_camera = np.linalg.norm(of["center"] - eye) - of["radius"]
+            to_camera = norm(of["center"] - eye) - of["radius"]
         else:
-            normal = of["normal"] / np.linalg.norm(of["normal"])
+            normal = of["normal"] / norm(of["normal"])
             to_camera = normal @ (of["point"] - eye)
             surfaces.append([*(length * normal), to_camera, 0.0])
         if shape.name in glass and abs(to_camera) < least:

@@ -4,7 +4,7 @@ Lengths are in units of the focal length, from the principal point. What a pinho
 `x (1 + k1 r^2 + k2 r^4)` with r = |x|, in OpenCV's order and sign: `k1 < 0` is a barrel.
 """
 
-from typing import Generic, NamedTuple, TypeVar
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -19,25 +19,15 @@ FARTHEST_SQUARE = 1e9
 """Beyond this squared distance, in its own unit, a distortion is taken for as strong as there."""
 
 
-class Lens(NamedTuple, Generic[AnyArray]):
-    """A distortion in its own unit of length, in which the larger of its two terms is 1 where the radius is 1.
+def folds_of(distortion: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """The unit of a distortion (k1, k2), of JAX or of numpy, and where it folds over in it; nothing overflows.
 
-    Args:
-        k1, k2: its coefficients in this unit.
-        per_square: how many squares of this unit the squared focal length has.
-        undistorted, distorted: squared radii at which it folds over, without and with distortion; `FARTHEST_SQUARE` if
-            it does not.
+    In its unit of length the larger of its two terms is 1 where the radius is 1.
+
+    Returns:
+        How many squares of this unit the squared focal length has; and the squared radii, in this unit, at which the
+        distortion folds over, without and with distortion: `FARTHEST_SQUARE` if it does not.
     """
-
-    k1: AnyArray
-    k2: AnyArray
-    per_square: AnyArray
-    undistorted: AnyArray
-    distorted: AnyArray
-
-
-def lens_of(distortion: AnyArray) -> Lens[AnyArray]:
-    """The lens with a distortion (k1, k2), of JAX or of numpy; nothing overflows."""
     xp = distortion.__array_namespace__()
     k1, k2 = distortion
     larger = xp.maximum(xp.abs(k1), xp.sqrt(xp.abs(k2)))
@@ -50,7 +40,7 @@ def lens_of(distortion: AnyArray) -> Lens[AnyArray]:
     undistorted = 2 / xp.where(folds, slope, xp.ones_like(slope))
     distorted = undistorted * (1 + undistorted * (k1 + undistorted * k2)) ** 2
     nowhere = xp.full_like(slope, FARTHEST_SQUARE)
-    return Lens(k1, k2, per_square, *(xp.where(folds, x, nowhere) for x in (undistorted, distorted)))
+    return per_square, xp.where(folds, undistorted, nowhere), xp.where(folds, distorted, nowhere)
 
 
 def visible_fraction(distortion: Float[np.ndarray, "2"], farthest: float) -> float:
@@ -59,10 +49,8 @@ def visible_fraction(distortion: Float[np.ndarray, "2"], farthest: float) -> flo
     The distance is in focal lengths, in the distorted picture. Beyond, the distortion would have to fold the picture
     over. Divides by zero where the distance is 0.
     """
-    lens = lens_of(np.asarray(distortion, np.float64))
-    if lens.distorted == FARTHEST_SQUARE:
-        return np.inf
-    return float(np.sqrt(lens.distorted / lens.per_square) / farthest)
+    per_square, _, distorted = folds_of(np.asarray(distortion, np.float64))
+    return np.inf if distorted == FARTHEST_SQUARE else float(np.sqrt(distorted / per_square) / farthest)
 
 
 def undistorted_factor(distortion: Float[Array, "2"], square: Float[Array, " *points"]) -> Float[Array, " *points"]:
@@ -73,10 +61,9 @@ def undistorted_factor(distortion: Float[Array, "2"], square: Float[Array, " *po
     Args:
         square: squared distances of the points from the principal point, in the distorted picture.
     """
-    lens = lens_of(jax.lax.stop_gradient(distortion))
-    k1 = distortion[0] / lens.per_square
-    k2 = distortion[1] / lens.per_square / lens.per_square
-    return _factor(k1, k2, square * lens.per_square, lens.undistorted, lens.distorted)
+    per_square, undistorted, distorted = folds_of(jax.lax.stop_gradient(distortion))
+    k1, k2 = distortion
+    return _factor(k1 / per_square, k2 / per_square / per_square, square * per_square, undistorted, distorted)
 
 
 @jax.custom_jvp
@@ -97,16 +84,16 @@ def _find_root(k1, k2, square, undistorted):
     highest = jnp.minimum(2.25, jnp.sqrt(undistorted / jnp.maximum(square, TINY_32)))
 
     def step(state):
-        number, lowest, highest, t, _ = state
+        step_count, lowest, highest, t, _ = state
         excess, slope = t * (1 + t * t * (a + t * t * b)) - 1, _slope(a, b, t)
         lowest, highest = jnp.where(excess < 0, t, lowest), jnp.where(excess < 0, highest, t)
         following = t - excess / jnp.where(slope > 0, slope, 1)
         is_inside = (slope > 0) & (following >= lowest) & (following <= highest)
-        return number + 1, lowest, highest, jnp.where(is_inside, following, (lowest + highest) / 2), t
+        return step_count + 1, lowest, highest, jnp.where(is_inside, following, (lowest + highest) / 2), t
 
     def goes_on(state):
-        number, _, _, t, before = state
-        return (number < 16) & jnp.any(jnp.abs(t - before) > 4 * jnp.finfo(t.dtype).eps * t)
+        step_count, _, _, t, before = state
+        return (step_count < 16) & jnp.any(jnp.abs(t - before) > 4 * jnp.finfo(t.dtype).eps * t)
 
     # 12 steps reach the rounding errors of either dtype up to 99 % of the squared radius at which any distortion folds
     # over, and 15 up to 99.99 % (400000 distortions and points). The lenses of cameras take four or five.

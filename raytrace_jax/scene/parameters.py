@@ -5,7 +5,7 @@ material too (`vitreous.ior`), unless the shape has such an attribute itself.
 """
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -58,15 +58,20 @@ def blocks(scene: Scene) -> list[Block]:
 
 def blocks_of(scene: Scene, *keywords: str) -> list[Block]:
     """The blocks of keywords, type by type: a block is named by its index among those of its keyword."""
+    return [
+        Block(row, name, None if row.is_single else column)
+        for row, _, names in _groups(scene, keywords)
+        for column, name in enumerate(names)
+    ]
+
+
+def _groups(scene: Scene, keywords: Container[str]) -> Iterator[tuple[BlockType, Any, tuple[str, ...]]]:
+    """The types of blocks of keywords that the scene has: each with its struct and the names of its blocks."""
     check_scene(scene)
-    found = []
-    for row in chain.from_iterable(BLOCK_TYPES[keyword] for keyword in BLOCK_TYPES if keyword in keywords):
+    for row in chain.from_iterable(rows for keyword, rows in BLOCK_TYPES.items() if keyword in keywords):
         group = getattr(scene, row.group)
-        if row.is_single and isinstance(group, row.struct):
-            found.append(Block(row, group.name, None))
-        elif not row.is_single:
-            found += [Block(row, name, column) for column, name in enumerate(group.names)]
-    return found
+        if isinstance(group, row.struct):
+            yield row, group, (group.name,) if row.is_single else group.names
 
 
 def shape_blocks(scene: Scene) -> list[Block]:
@@ -77,17 +82,14 @@ def shape_blocks(scene: Scene) -> list[Block]:
 
 def attribute_values(scene: Scene) -> Iterator[tuple[BlockType, Attribute, tuple[str, ...], np.ndarray]]:
     """Each attribute of numbers: its type of block, the names of its blocks, its values as (components, blocks)."""
-    check_scene(scene)
-    for row in chain.from_iterable(BLOCK_TYPES.values()):
-        group = getattr(scene, row.group)
-        if isinstance(group, row.struct):
-            names = (group.name,) if row.is_single else group.names
-            for attribute in row.continuous:
-                values = np.reshape(np.asarray(getattr(group, attribute.name)), (attribute.value_count, len(names)))
-                yield row, attribute, names, values
+    for row, group, names in _groups(scene, BLOCK_TYPES):
+        for attribute in row.continuous:
+            values = np.reshape(np.asarray(getattr(group, attribute.name)), (attribute.value_count, len(names)))
+            yield row, attribute, names, values
 
 
 def material_of(scene: Scene, shape: Block) -> Block:
+    """The block of the material that a shape has."""
     material = shape.refers_to(scene, "material")
     assert material is not None
     return material
@@ -134,10 +136,8 @@ class Address(NamedTuple):
 
 def with_part(array: Array | np.ndarray, index: int, value: Array | np.ndarray) -> Array | np.ndarray:
     """An array with a value at an index of its last axis, one of NumPy unless anything is traced."""
-    there = np.arange(array.shape[-1]) == index
-    if is_traced((array, value)):
-        return jnp.where(np.broadcast_to(there, array.shape), value[..., None], array)
-    return np.where(there, np.asarray(value)[..., None], np.asarray(array))
+    xp = jnp if is_traced((array, value)) else np
+    return xp.where(np.arange(array.shape[-1]) == index, xp.asarray(value)[..., None], xp.asarray(array))
 
 
 class Parameter(NamedTuple):
@@ -170,8 +170,8 @@ def resolve(scene: Scene, name: str) -> Parameter:
     reached = [*((block, None) for block in owners or wholes), *materials]
     if wholes and not owners:
         model = scene_model(scene)
-        own = ((block, one) for block, _ in reached for one in block.type.continuous if one.is_used_by(model))
-        numbers = dict.fromkeys(f"{name}.{one.name}" for _, one in own)
+        attributes = chain.from_iterable(block.type.continuous for block, _ in reached)
+        numbers = dict.fromkeys(f"{name}.{attribute.name}" for attribute in attributes if attribute.is_used_by(model))
         having = f"and a parameter is one of its numbers: {listed(numbers)}" if numbers else "which has no parameters"
         raise ParameterError(f"{quoted(name)} is a whole {wholes[0].keyword}, {having}.")
     if not owners:
@@ -184,32 +184,30 @@ def resolve(scene: Scene, name: str) -> Parameter:
         )
     for block, shape in reached:
         attribute = block.type.find(attribute_name)
-        if attribute is not None and attribute.value_type == "number":
-            parameter = Parameter(Address(block.type.group, attribute.name, block.column), block, attribute, shape)
-            break
-    else:
-        if owners[0].type.find(attribute_name):
-            how = "change it in the scene's file, or the picture's size by the size option"
-            if attribute_name == "file":
-                how = "make the scene anew with other pixels: build.texture(..., file=array), also within a gradient"
-            raise ParameterError(f"{quoted(name)} is not a continuous parameter: {how}.")
-        for block, _ in reached:
-            if any(kind.find(attribute_name) for kind in BLOCK_TYPES[block.keyword]):
-                raise ParameterError(
-                    f"{quoted(name)}: {block.keyword} {block.name!r} has no {attribute_name}: write it into the block "
-                    f"first. It has {listed([one.name for one in block.type.continuous])}."
-                )
-        continuous = {block: [one.name for one in block.type.continuous] for block, _ in reached}
-        guess = did_you_mean(attribute_name, chain.from_iterable(continuous.values()))
-        owned = "; ".join(f"{block.keyword} {block.name!r} has {listed(names)}" for block, names in continuous.items())
-        raise ParameterError(f"{quoted(name)}: unknown attribute {quoted(attribute_name)}.{guess} The {owned}.")
-    if component is None:
-        return parameter
-    components = parameter.attribute.components
-    if component not in components:
-        wanted = f"its components are {listed(components)}" if components else "it is a single number"
-        raise ParameterError(f"{quoted(name)}: {attribute_name} has no component {component!r}, {wanted}.")
-    return parameter._replace(address=parameter.address._replace(component=components.index(component)))
+        if attribute is None or attribute.value_type != "number":
+            continue
+        components, index = attribute.components, None
+        if component in components:
+            index = components.index(component)
+        elif component:
+            having = f"its components are {listed(components)}" if components else "it is a single number"
+            raise ParameterError(f"{quoted(name)}: {attribute_name} has no component {component!r}, {having}.")
+        return Parameter(Address(block.type.group, attribute_name, block.column, index), block, attribute, shape)
+    if owners[0].type.find(attribute_name):
+        how = "change it in the scene's file, or the picture's size by the size option"
+        if attribute_name == "file":
+            how = "make the scene anew with other pixels: build.texture(..., file=array), also within a gradient"
+        raise ParameterError(f"{quoted(name)} is not a continuous parameter: {how}.")
+    continuous = {block: [attribute.name for attribute in block.type.continuous] for block, _ in reached}
+    for block, names in continuous.items():
+        if any(kind.find(attribute_name) for kind in BLOCK_TYPES[block.keyword]):
+            raise ParameterError(
+                f"{quoted(name)}: {block.keyword} {block.name!r} has no {attribute_name}: write it into the block "
+                f"first. It has {listed(names)}."
+            )
+    guess = did_you_mean(attribute_name, chain.from_iterable(continuous.values()))
+    owned = "; ".join(f"{block.keyword} {block.name!r} has {listed(names)}" for block, names in continuous.items())
+    raise ParameterError(f"{quoted(name)}: unknown attribute {quoted(attribute_name)}.{guess} The {owned}.")
 
 
 def list_parameters(scene: Scene) -> dict[str, Array]:
@@ -244,7 +242,7 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
     if not isinstance(values, Mapping):
         wanted = "values by the names of parameters are wanted, as {'glass.ior': 1.5}"
         raise ParameterError(f"{wanted}, and this is of the type {type(values).__name__}.")
-    scene = with_film(scene, values)
+    scene = with_response(scene, values)
     parameters = {name: resolve(scene, name) for name in values}
     _scalar_addresses(parameters.items())
     entries: dict[Address, tuple[str, Attribute, Array | np.ndarray]] = {}
@@ -274,7 +272,7 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
     return scene
 
 
-def with_film(scene: Scene, names: Iterable[str]) -> Scene:
+def with_response(scene: Scene, names: Iterable[str]) -> Scene:
     """The scene with a film that does nothing, if it has none and one of the names is a film's: `film.gain.r`."""
     check_scene(scene)
     if scene.film is not None or not any(str(name).partition(".")[0] == FILM for name in names):
@@ -282,7 +280,7 @@ def with_film(scene: Scene, names: Iterable[str]) -> Scene:
     return dataclasses.replace(scene, film=neutral_response(scene.camera.viewpoint.dtype))
 
 
-def film_effects(scene: Scene, names: Iterable[str]) -> dict[str, str]:
+def response_effects(scene: Scene, names: Iterable[str]) -> dict[str, str]:
     """The film's numbers among names of parameters, and the effect of each; all others move what is traced."""
     return {name: one.field for name in names if (one := resolve(scene, name).address).group == FILM}
 
@@ -322,17 +320,17 @@ def row_of_names(names: Iterable[str]) -> tuple[str, ...]:
 
 def _scalar_addresses(parameters: Iterable[tuple[str, Parameter]]) -> dict[Address, str]:
     """Map the address of each single number to its name; refuse two names for one number."""
-    found: dict[Address, tuple[str, str]] = {}
-    for name, (address, _, attribute, _) in parameters:
-        scalars = {name: address}
-        if address.component is None and attribute.components:
-            scalars = {f"{name}.{c}": address._replace(component=k) for k, c in enumerate(attribute.components)}
-        for scalar, one in scalars.items():
-            if one in found:
-                both = f"{quoted(found[one][1])} and {quoted(name)}"
+    scalars: dict[Address, tuple[str, str]] = {}
+    for name, (whole, _, attribute, _) in parameters:
+        addresses = {name: whole}
+        if whole.component is None and attribute.components:
+            addresses = {f"{name}.{c}": whole._replace(component=k) for k, c in enumerate(attribute.components)}
+        for scalar, address in addresses.items():
+            if address in scalars:
+                both = f"{quoted(scalars[address][1])} and {quoted(name)}"
                 raise ParameterError(f"{both} both give the number {quoted(scalar)}: give it once.")
-            found[one] = (scalar, name)
-    return {address: scalar for address, (scalar, _) in found.items()}
+            scalars[address] = (scalar, name)
+    return {address: scalar for address, (scalar, _) in scalars.items()}
 
 
 def parse_assignment(text: str) -> tuple[str, tuple[float, ...]]:

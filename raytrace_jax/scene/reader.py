@@ -5,7 +5,6 @@ line.
 """
 
 import dataclasses
-import os
 import re
 import warnings
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ from typing import Any, NamedTuple
 from jax.typing import DTypeLike
 
 from ..errors import ModelFileError, RaytraceWarning
+from ..util.files import StrPath
 from ..util.text import did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
 from .bundled import no_such_scene, scene_path
 from .rows import HEAD, Description, assemble, either, floating
@@ -52,16 +52,16 @@ class Token(NamedTuple):
 
 
 def _tokens(text: str, source: str) -> Iterator[Token]:
-    line, line_start, seen = 1, 0, 0
+    line, line_start, counted = 1, 0, 0
     above: list[str] = []
     comments = above
     for match in _TOKEN.finditer(text):
         offset = match.start()
-        if line_breaks := text.count("\n", seen, offset):
+        if line_breaks := text.count("\n", counted, offset):
             line += line_breaks
-            line_start = text.rfind("\n", seen, offset) + 1
+            line_start = text.rfind("\n", counted, offset) + 1
             comments = above
-        seen = offset
+        counted = offset
         if match["comment"]:
             comments.append(match.group().rstrip())
             continue
@@ -162,7 +162,7 @@ def parse_scene(
     source: str = "<string>",
     dtype: DTypeLike | None = None,
     model: ModelName | None = None,
-    folder: str | os.PathLike[str] = ".",
+    folder: StrPath = ".",
 ) -> Scene:
     """The scene of the text of a `model.txt`.
 
@@ -186,9 +186,7 @@ def parse_scene(
     return assemble(blocks, float_dtype, model, lambda message: stream.current.error(message))
 
 
-def load_scene(
-    path: str | os.PathLike[str], *, dtype: DTypeLike | None = None, model: ModelName | None = None
-) -> Scene:
+def load_scene(path: StrPath, *, dtype: DTypeLike | None = None, model: ModelName | None = None) -> Scene:
     """The scene in a `model.txt` file (UTF-8, with or without a byte order mark).
 
     Args:

@@ -47,11 +47,11 @@ class Frame(NamedTuple):
 def from_middle(image: Picture, frame: Frame) -> tuple[Float[Array, " width"], Float[Array, "height 1"]]:
     """How far columns are to the right and rows below the whole picture's middle, in halves of its width and height."""
     height, width = image.shape[-2:]
-    right, down = (
-        jnp.asarray(2 * frame.binning * (np.arange(count) + first + 0.5) / size - 1, image.dtype)
-        for count, first, size in ((width, frame.left, frame.width), (height, frame.top, frame.height))
-    )
-    return right, down[:, None]
+
+    def halves(count: int, first: float, size: int) -> Float[Array, " count"]:
+        return jnp.asarray(2 * frame.binning * (np.arange(count) + first + 0.5) / size - 1, image.dtype)
+
+    return halves(width, frame.left, frame.width), halves(height, frame.top, frame.height)[:, None]
 
 
 def lit(image: Picture, light: Float[Array, "5"], frame: Frame) -> Picture:
@@ -79,7 +79,7 @@ def blurred(image: Picture, blur: Float[Array, ""], frame: Frame) -> Picture:
     return gaussian_blur(image, blur / frame.binning)
 
 
-class FilmEffect(NamedTuple):
+class ResponseEffect(NamedTuple):
     """One effect.
 
     Args:
@@ -104,7 +104,7 @@ class FilmEffect(NamedTuple):
 
     @property
     def attribute(self) -> Attribute:
-        return next(one for one in declared_attributes(CameraResponse) if one.name == self.name)
+        return next(attribute for attribute in declared_attributes(CameraResponse) if attribute.name == self.name)
 
     @property
     def unit(self) -> str:
@@ -119,46 +119,50 @@ class FilmEffect(NamedTuple):
         return np.reshape(default, self.attribute.shape)
 
 
-FILM_EFFECTS = (
-    FilmEffect("light", lit, 1e-3, "free it and the other numbers of the light"),
-    FilmEffect("vignetting", darken_corners, 1e-3, "free it, or correct the picture"),
-    FilmEffect("blur", blurred, 0.7, "free it, or blur as the target is", start=0.7, is_squared=True),
-    FilmEffect("gain", lambda image, gain, frame: image * gain[:, None, None], 1e-3, "free it", is_linear=True),
-    FilmEffect("offset", lambda image, shift, frame: image + shift[:, None, None], 1e-3, "free it", is_linear=True),
-    FilmEffect("gamma", power, 1e-4, "free it, or state how the colours were stored (--transfer)"),
+RESPONSE_EFFECTS = (
+    ResponseEffect("light", lit, 1e-3, "free it and the other numbers of the light"),
+    ResponseEffect("vignetting", darken_corners, 1e-3, "free it, or correct the picture"),
+    ResponseEffect("blur", blurred, 0.7, "free it, or blur as the target is", start=0.7, is_squared=True),
+    ResponseEffect("gain", lambda image, gain, frame: image * gain[:, None, None], 1e-3, "free it", is_linear=True),
+    ResponseEffect("offset", lambda image, shift, frame: image + shift[:, None, None], 1e-3, "free it", is_linear=True),
+    ResponseEffect("gamma", power, 1e-4, "free it, or state how the colours were stored (--transfer)"),
 )
 """All effects, in the order in which they take effect: on what is seen, in the lens, on the sensor, in storage."""
 
 
+def active_effects(film: CameraResponse | None) -> list[ResponseEffect]:
+    """The effects that a response has, in order; none of them is None there."""
+    return [effect for effect in RESPONSE_EFFECTS if getattr(film, effect.name, None) is not None]
+
+
 @with_lower_ranks
-def develop(image: Picture, film: CameraResponse | None, frame: Frame) -> Picture:
+def apply_response(image: Picture, film: CameraResponse | None, frame: Frame) -> Picture:
     """The picture that a film makes of a scene's light; differentiable in both. Effects that are None do nothing."""
-    for effect in FILM_EFFECTS:
-        value = getattr(film, effect.name, None)
-        if value is not None:
-            image = effect.apply(image, value, frame)
+    for effect in active_effects(film):
+        image = effect.apply(image, getattr(film, effect.name), frame)
     return image
 
 
-develop_compiled = jit(develop, static_argnames="frame")
-"""`develop`, compiled once for each frame and choice of effects."""
+apply_response_compiled = jit(apply_response, static_argnames="frame")
+"""`apply_response`, compiled once for each frame and choice of effects."""
 
 
 def neutral_response(dtype: np.dtype) -> CameraResponse:
-    return CameraResponse(FILM, **{effect.name: jnp.asarray(effect.neutral, dtype) for effect in FILM_EFFECTS})
+    """A camera's response that does nothing, under the name `film`."""
+    return CameraResponse(FILM, **{effect.name: jnp.asarray(effect.neutral, dtype) for effect in RESPONSE_EFFECTS})
 
 
 def without_idle(film: CameraResponse, kept: Container[str] = ()) -> CameraResponse:
     """The film with None for the effects that do nothing, but for those that are kept; its numbers are concrete."""
-    others = [effect for effect in FILM_EFFECTS if effect.name not in kept]
+    others = [effect for effect in RESPONSE_EFFECTS if effect.name not in kept]
     idle = [effect.name for effect in others if np.all(np.asarray(getattr(film, effect.name)) == effect.neutral)]
     return dataclasses.replace(film, **dict.fromkeys(idle))
 
 
 def linear_effects(film: CameraResponse | None) -> tuple[str, ...]:
     """The effects in whose numbers the picture is linear, the last first: so are all effects after them."""
-    active = [effect for effect in FILM_EFFECTS if getattr(film, effect.name, None) is not None]
-    return tuple(effect.name for effect in itertools.takewhile(lambda effect: effect.is_linear, reversed(active)))
+    linear = itertools.takewhile(lambda effect: effect.is_linear, reversed(active_effects(film)))
+    return tuple(effect.name for effect in linear)
 
 
 def light_reach(film: CameraResponse | None) -> float:

@@ -62,8 +62,8 @@ class Description:
 
     def admit(self, name: str) -> list[Attribute]:
         """What the attribute of this name can be. Raises the block's error if none goes with what is there already."""
-        if found := _named(self.kinds, name):
-            return found
+        if attributes := _named(self.kinds, name):
+            return attributes
         rows = BLOCK_TYPES[self.keyword]
         known = list(dict.fromkeys(attribute.name for row in rows for attribute in row.attributes))
         if name in known:
@@ -92,10 +92,9 @@ class Description:
                 default = attribute.default_of(model, values.__getitem__)
                 is_array = attribute.value_type == "number"
                 values[attribute.name] = np.array(default, dtype).reshape(attribute.shape) if is_array else default
-        found = row.complaint({name: value for name, value in values.items() if not is_traced(value)})
-        if found:
-            part = [name for name in self.values if name in found[0]][-1]
-            raise self.error(part, f"in {self}, {found[1]}.")
+        if complaint := row.complaint({name: value for name, value in values.items() if not is_traced(value)}):
+            names, words = complaint
+            raise self.error([name for name in self.values if name in names][-1], f"in {self}, {words}.")
         return dataclasses.replace(self, values=values)
 
     def _value(self, name: str, attributes: list[Attribute], dtype: np.dtype) -> Any:
@@ -131,6 +130,7 @@ def _named(rows: Iterable[BlockType], name: str) -> list[Attribute]:
 
 
 def either(attributes: Iterable[Attribute]) -> str:
+    """What any of some attributes wants, in words, each once."""
     return " or ".join(dict.fromkeys(attribute.describe() for attribute in attributes))
 
 
@@ -158,7 +158,7 @@ def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | n
         raise ValueError(f"must be finite in {dtype}, {_got(value)}") from None
     except (TypeError, ValueError):
         raise ValueError(f"takes a number or a row of numbers, {_got(value)}") from None
-    if array.shape == (1,) and shape == ():
+    if array.shape == (1,) and not shape:
         array = array.reshape(())
     if array.shape != shape:
         raise ValueError(f"takes {_count(shape)}, got {_count(array.shape)}")
@@ -248,8 +248,9 @@ def _struct(row: BlockType, blocks: list[Description], columns: dict[str, dict[s
             entries[attribute.name] = jnp.stack(values, axis=-1)
         else:  # Stacked by NumPy: thousands of small JAX arrays take seconds.
             entries[attribute.name] = on_device(np.array(values, dtype).reshape(len(values), *attribute.shape).T)
-    names = tuple(block.name for block in blocks)
-    return row.struct(name=names[0], **entries) if row.is_single else row.struct(names=names, **entries)
+    if row.is_single:
+        return row.struct(name=blocks[0].name, **entries)
+    return row.struct(names=tuple(block.name for block in blocks), **entries)
 
 
 def _column(block: Description, keyword: str, columns: Mapping[str, int]) -> int:

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from ..errors import SceneError
 from ..util.compilation import refuse_fork
+from ..util.files import StrPath
 from ..util.text import quoted
 from .setting_words import ModelName
 from .structs import (
@@ -83,7 +84,7 @@ class Scene(eqx.Module):
 
         return get_parameter(self, name)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: StrPath) -> None:
         """Write the scene as a `model.txt` file, and beside it the pictures of its textures; see `save_scene`.
 
         Raises:
@@ -101,9 +102,7 @@ class Scene(eqx.Module):
         return scene_to_dict(self)
 
     @staticmethod
-    def from_dict(
-        values: Mapping[str, Any], *, folder: str | os.PathLike[str] = ".", dtype: DTypeLike | None = None
-    ) -> "Scene":
+    def from_dict(values: Mapping[str, Any], *, folder: StrPath = ".", dtype: DTypeLike | None = None) -> "Scene":
         """The scene of `to_dict`'s values; see `scene.build.scene_from_dict`."""
         from .build import scene_from_dict
 
@@ -140,15 +139,16 @@ def without_texels(scene: Scene) -> Scene:
 
 
 def with_texels(scene: Scene, other: Scene) -> Scene:
+    """A scene with the texels of another one: what `without_texels` took away."""
     return eqx.tree_at(lambda scene: scene.images.texels, scene, other.images.texels)
 
 
 def fingerprint(scene: Scene) -> str:
     """16 hexadecimal digits that tell the pictures of a scene's textures from others; empty where it has none."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for texels in scene.images.texels:
-        found.update(repr(texels.shape).encode() + np.asarray(texels).tobytes())
-    return found.hexdigest()[:16] if scene.images.names else ""
+        digest.update(repr(texels.shape).encode() + np.asarray(texels).tobytes())
+    return digest.hexdigest()[:16] if scene.images.names else ""
 
 
 def world_length(scene: Scene) -> Float[Array, ""]:
@@ -167,10 +167,10 @@ def _length_of(across: Float[Array, " axes"]) -> Float[Array, ""]:
     # One program, where it is not part of another: by single operations it would be twenty.
     across = jax.lax.stop_gradient(across)
     limits = jnp.finfo(across.dtype)
-    # By logarithms, because squares may overflow or vanish.
-    exponents = jnp.log10(jnp.maximum(jnp.abs(across), limits.tiny))
-    largest = jnp.max(exponents)
-    exponent = largest + jnp.log10(jnp.sum(10 ** (2 * (exponents - largest)))) / 2
+    # By the largest side, because squares may overflow or vanish.
+    sides = jnp.maximum(jnp.abs(across), limits.tiny)
+    largest = jnp.max(sides)
+    exponent = jnp.log10(largest) + jnp.log10(jnp.linalg.norm(sides / largest))
     # All powers of ten that are normal numbers, exact ones: `10**x` of a float is not.
     least = int(np.ceil(np.log10(limits.tiny)))
     powers = np.array([f"1e{k}" for k in range(least, int(np.log10(limits.max)) + 1)], np.float64).astype(across.dtype)

@@ -165,23 +165,37 @@ class Attribute(NamedTuple):
 
 def attribute(components: tuple[str, ...] = (), **declared: Any) -> Any:
     """The field of a struct that is an attribute of its blocks, as `Attribute` has it; static if it is no number."""
-    one = Attribute("", components, **declared)
-    return eqx.field(static=one.value_type != "number", metadata={"attribute": one})
+    declaration = Attribute("", components, **declared)
+    return eqx.field(static=declaration.value_type != "number", metadata={"attribute": declaration})
 
 
 def word(choices: object, default: str | None = None, **declared: Any) -> Any:
+    """The field of an attribute that is one of some words, the arguments of a `Literal`."""
     return attribute(value_type="word", choices=get_args(choices), default=default, **declared)
 
 
 @functools.cache
 def declared_attributes(struct: type) -> tuple[Attribute, ...]:
     """The attributes that a struct's fields declare, in the order in which a file has them."""
-    found: list[Attribute] = []
+    attributes: dict[str, Attribute] = {}
     for field in dataclasses.fields(struct):
-        if one := field.metadata.get("attribute"):
-            place = [other.name for other in found].index(one.after) + 1 if one.after else len(found)
-            found.insert(place, one._replace(name=field.name))
-    return tuple(found)
+        if declaration := field.metadata.get("attribute"):
+            attributes[field.name] = declaration._replace(name=field.name)
+    # The sort keeps the order of equals: an attribute with another one before it comes right behind that one.
+    order = list(attributes)
+    return tuple(sorted(attributes.values(), key=lambda a: order.index(a.after or a.name)))
+
+
+class SingleBlock(eqx.Module):
+    """A block of which a scene has one at most, with its name."""
+
+    name: str = eqx.field(static=True)
+
+
+class Blocks(eqx.Module):
+    """Blocks of one type, with their names in the order of the file."""
+
+    names: tuple[str, ...] = eqx.field(static=True)
 
 
 class BlockType(NamedTuple):
@@ -208,7 +222,7 @@ class BlockType(NamedTuple):
     @property
     def is_single(self) -> bool:
         """Whether a scene has one block of this keyword."""
-        return any(field.name == "name" for field in dataclasses.fields(self.struct))
+        return issubclass(self.struct, SingleBlock)
 
     @property
     def is_shape(self) -> bool:

@@ -1,6 +1,7 @@
 """Slabs as rays meet them: planes of one normal, each with all that is behind it."""
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,8 +9,7 @@ import jax.numpy as jnp
 from ..util.numerics import normalize
 from .scene import Scene
 from .schema import NO_BLOCK
-from .structs import Materials, Planes
-from .table import BLOCK_TYPES
+from .structs import Planes
 
 PARTS = ("air", "back", "inside", "front")
 """What is behind each plane of a slab. Of media that overlap the first in the file decides: the last plane is the first
@@ -34,33 +34,48 @@ def with_planes(scene: Scene) -> Scene:
     slabs, old = scene.slabs, scene.materials
     if not slabs.names:
         return scene
-    count, dtype = len(slabs.names), slabs.thickness.dtype
-    new = {one.name: jnp.zeros((*one.shape, count + 1), dtype) for one in BLOCK_TYPES["material"][0].continuous}
-    new |= {"ior": jnp.append(slabs.wall_ior, jnp.ones(1, dtype)), "transmission": jnp.ones(count + 1, dtype)}
-    numbers = {name: jnp.concatenate([getattr(old, name), values], axis=-1) for name, values in new.items()}
-    names = (*old.names, *(f"{name} wall" for name in slabs.names), "air behind")
-    materials = Materials(names=names, texture=(*old.texture, *[NO_BLOCK] * (count + 1)), **numbers)
+    count, first = len(slabs.names), len(old.names)
+    black = jax.tree.map(lambda x: jnp.zeros((*x.shape[:-1], count + 1), x.dtype), old)
+    walls_and_air = dataclasses.replace(
+        black,
+        names=(*(f"{name} wall" for name in slabs.names), "air behind"),
+        texture=(NO_BLOCK,) * (count + 1),
+        ior=jnp.append(slabs.wall_ior, jnp.ones_like(black.ior[:1])),
+        transmission=jnp.ones_like(black.transmission),
+    )
+    walls, air = tuple(range(first, first + count)), (first + count,) * count
 
-    def columns(group) -> tuple[int, ...]:
+    def moved(group: Any) -> Any:
         # Materials of other types come after the new ones.
-        return tuple(column + (count + 1) * (column >= len(old.names)) for column in group.material)
+        columns = tuple(column + (count + 1) * (column >= first) for column in group.material)
+        return dataclasses.replace(group, material=columns)
 
-    walls, air = tuple(range(len(old.names), len(names) - 1)), (len(names) - 1,) * count
     wall = jnp.where(slabs.wall > 0, slabs.wall, jax.lax.stop_gradient(slabs.wall))
     depth = jnp.stack([slabs.thickness, slabs.thickness - wall, wall, jnp.zeros_like(wall)])
     # As a plane's: a normal of any length, whose squares neither overflow nor vanish.
     largest = jax.lax.stop_gradient(jnp.max(jnp.abs(slabs.normal), axis=0))
     point = slabs.point[:, None] - depth * normalize(slabs.normal / largest)[:, None]
-    normal = jnp.broadcast_to(slabs.normal[:, None], point.shape)
-    planes = Planes(
-        names=(*scene.planes.names, *(f"{name} {part}" for part in PARTS for name in slabs.names)),
-        material=(*columns(scene.planes), *air, *walls, *columns(slabs), *walls),
-        normal=jnp.concatenate([scene.planes.normal, normal.reshape(3, -1)], axis=-1),
-        point=jnp.concatenate([scene.planes.point, point.reshape(3, -1)], axis=-1),
+    faces = Planes(
+        names=tuple(f"{name} {part}" for part in PARTS for name in slabs.names),
+        material=(*air, *walls, *moved(slabs).material, *walls),
+        normal=jnp.broadcast_to(slabs.normal[:, None], point.shape).reshape(3, -1),
+        point=point.reshape(3, -1),
     )
-    none = jax.tree.map(lambda x: x[..., :0], dataclasses.replace(slabs, names=(), material=()))
-    parts = {"materials": materials, "planes": planes, "slabs": none, "shape_order": tuple(surface_owners(scene))}
-    for name in ("spheres", "rectangles"):
-        group = getattr(scene, name)
-        parts[name] = dataclasses.replace(group, material=columns(group))
-    return dataclasses.replace(scene, **parts)
+    return dataclasses.replace(
+        scene,
+        materials=_joined(old, walls_and_air),
+        planes=_joined(moved(scene.planes), faces),
+        spheres=moved(scene.spheres),
+        rectangles=moved(scene.rectangles),
+        slabs=jax.tree.map(lambda x: x[..., :0], dataclasses.replace(slabs, names=(), material=())),
+        shape_order=tuple(surface_owners(scene)),
+    )
+
+
+def _joined(first: Any, second: Any) -> Any:
+    """The blocks of two structs of one type as one struct."""
+
+    def both(old: Any, new: Any) -> Any:
+        return old + new if isinstance(old, tuple) else jnp.append(old, new, axis=-1)
+
+    return type(first)(**{name: both(values, getattr(second, name)) for name, values in vars(first).items()})

@@ -7,20 +7,29 @@ so that any of them can be differentiated; all else is static. `material` and `t
 """
 
 import math
-from typing import Any
+from typing import Any, Literal
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..images import Transfer
 from . import setting_words as words
-from .schema import PICTURE_MIDDLE, RGB, XY, XYZ, Limit, Quantity, attribute, between, word
+from .schema import PICTURE_MIDDLE, RGB, XY, XYZ, Blocks, Limit, Quantity, SingleBlock, attribute, between, word
 
 UNIT_INTERVAL = between(0, 1)
 POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
 NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
 NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other than 0 0 0")
+
+Number = Float[Array, ""]
+Pair = Float[Array, "2"]
+Vector = Float[Array, "3"]
+Numbers = Float[Array, " blocks"]
+Vectors = Float[Array, "3 blocks"]
+"""A point, a direction or a colour of each block of a type, one column a block."""
+
+PHYSICAL: tuple[words.ModelName, ...] = ("physical",)
+"""The only model that an attribute means something to."""
 
 ABOVE_ZERO = ((0.0, math.inf),)
 
@@ -50,8 +59,20 @@ def _pixeldim() -> Any:
     return attribute(XY, value_type="integer", limit=between(1, most, f"from 1 to {most} a side"))
 
 
-def _point(quantity: Quantity = VECTOR) -> Any:
-    return attribute(XYZ, quantity=quantity)
+def _point(quantity: Quantity = VECTOR, **declared: Any) -> Any:
+    return attribute(XYZ, quantity=quantity, **declared)
+
+
+def _direction(**declared: Any) -> Any:
+    return attribute(XYZ, limit=NOT_ALL_ZERO, **declared)
+
+
+def _length(**declared: Any) -> Any:
+    return attribute(limit=POSITIVE, quantity=LENGTH, **declared)
+
+
+def _integer(least: int, most: int, without: str) -> Any:
+    return attribute(value_type="integer", limit=between(least, most), without=without)
 
 
 def _column(**declared: Any) -> Any:
@@ -78,7 +99,13 @@ def _index(components: tuple[str, ...] = (), **declared: Any) -> Any:
     return attribute(components, limit=POSITIVE, quantity=quantity, **declared)
 
 
-class ImagePlaneCamera(eqx.Module):
+class Shapes(Blocks):
+    """Shapes of one type, with the column of each one's material."""
+
+    material: tuple[int, ...] = _column()
+
+
+class ImagePlaneCamera(SingleBlock):
     """The course's pinhole camera, which looks at the rectangle [0, width] x [0, height] of the plane z = 0.
 
     Args:
@@ -88,14 +115,13 @@ class ImagePlaneCamera(eqx.Module):
         center: where the rectangle's middle is seen, as `PerspectiveCamera.center` counts pixels.
     """
 
-    name: str = eqx.field(static=True)
     pixeldim: tuple[int, int] = _pixeldim()
-    worlddim: Float[Array, "2"] = attribute(XY, limit=POSITIVE, quantity=LENGTH)
-    viewpoint: Float[Array, "3"] = _point()
-    center: Float[Array, "2"] = attribute(XY, default=PICTURE_MIDDLE, quantity=PIXELS)
+    worlddim: Pair = attribute(XY, limit=POSITIVE, quantity=LENGTH)
+    viewpoint: Vector = _point()
+    center: Pair = attribute(XY, default=PICTURE_MIDDLE, quantity=PIXELS)
 
 
-class PerspectiveCamera(eqx.Module):
+class PerspectiveCamera(SingleBlock):
     """A camera with square pixels that looks from a point at a point, through a lens that may distort.
 
     Args:
@@ -109,22 +135,21 @@ class PerspectiveCamera(eqx.Module):
         distortion: the radial distortion (k1, k2), as in `scene.lens`.
     """
 
-    name: str = eqx.field(static=True)
     pixeldim: tuple[int, int] = _pixeldim()
-    viewpoint: Float[Array, "3"] = _point()
-    lookat: Float[Array, "3"] = _point()
-    up: Float[Array, "3"] = attribute(XYZ, default=(0.0, 1.0, 0.0), limit=NOT_ALL_ZERO)
+    viewpoint: Vector = _point()
+    lookat: Vector = _point()
+    up: Vector = _direction(default=(0.0, 1.0, 0.0))
     # The range is within the limits also where its ends are rounded to float32.
-    fov: Float[Array, ""] = _scalar(
+    fov: Number = _scalar(
         USUAL_FOV,
         Limit(lambda angle: bool(0 < angle < 180), "greater than 0 and less than 180 degrees"),
         Quantity("degree", ranges=((1e-4, 179.9999),)),
     )
-    center: Float[Array, "2"] = attribute(XY, default=PICTURE_MIDDLE, quantity=PIXELS)
-    distortion: Float[Array, "2"] = attribute(("k1", "k2"), default=(0.0, 0.0))
+    center: Pair = attribute(XY, default=PICTURE_MIDDLE, quantity=PIXELS)
+    distortion: Pair = attribute(("k1", "k2"), default=(0.0, 0.0))
 
 
-class CameraResponse(eqx.Module):
+class CameraResponse(SingleBlock):
     """The camera's response to the light that falls on it; the fields are in the order in which they take effect.
 
     Without an effect its field is None, as in a compiled program that leaves out what does nothing.
@@ -141,66 +166,59 @@ class CameraResponse(eqx.Module):
         gamma: the power of light as it is stored.
     """
 
-    name: str = eqx.field(static=True)
     light: Float[Array, "5"] | None = attribute(("x", "y", "xx", "xy", "yy"), default=(0.0,) * 5)
-    vignetting: Float[Array, ""] | None = _scalar(0.0, between(-1, 1, is_open=True), Quantity(ranges=((-1.0, 1.0),)))
-    blur: Float[Array, ""] | None = _scalar(0.0, NOT_NEGATIVE, Quantity("pixel", ranges=ABOVE_ZERO))
-    gain: Float[Array, "3"] | None = attribute(RGB, default=(1.0, 1.0, 1.0), limit=POSITIVE, quantity=AMOUNT)
-    offset: Float[Array, "3"] | None = attribute(RGB, default=(0.0, 0.0, 0.0), quantity=Quantity(is_light=True))
-    gamma: Float[Array, ""] | None = _scalar(1.0, POSITIVE)
+    vignetting: Number | None = _scalar(0.0, between(-1, 1, is_open=True), Quantity(ranges=((-1.0, 1.0),)))
+    blur: Number | None = _scalar(0.0, NOT_NEGATIVE, Quantity("pixel", ranges=ABOVE_ZERO))
+    gain: Vector | None = attribute(RGB, default=(1.0, 1.0, 1.0), limit=POSITIVE, quantity=AMOUNT)
+    offset: Vector | None = attribute(RGB, default=(0.0, 0.0, 0.0), quantity=Quantity(is_light=True))
+    gamma: Number | None = _scalar(1.0, POSITIVE)
 
 
-class FileSettings(eqx.Module):
+class FileSettings(SingleBlock):
     """The settings of a picture that a file has; None where it does not say. `RenderSettings` tells what it means."""
 
-    name: str = eqx.field(static=True)
     model: words.ModelName | None = word(words.ModelName, without="classic")
     mapping: words.PixelConvention | None = word(words.PixelConvention, without="corner, center (physical)")
-    max_bounces: int | None = attribute(
-        value_type="integer", limit=between(0, words.MAX_BOUNCES), without="5, 2 (additive), 12 (physical)"
-    )
+    max_bounces: int | None = _integer(0, words.MAX_BOUNCES, "5, 2 (additive), 12 (physical)")
     edges: words.EdgeMode | None = word(words.EdgeMode, without="point, of derivatives aware")
-    samples: int | None = attribute(value_type="integer", limit=between(1, words.MAX_SAMPLES), without="1")
+    samples: int | None = _integer(1, words.MAX_SAMPLES, "1")
     path_limit: float | None = attribute(value_type="constant", limit=POSITIVE, without="100 (classic), else no limit")
     least_weight: float | None = attribute(
-        value_type="constant", limit=between(0, 1, is_open=True), only=("physical",), without="1e-06 (physical only)"
+        value_type="constant", limit=between(0, 1, is_open=True), only=PHYSICAL, without="1e-06 (physical only)"
     )
     reflectance: words.Reflectance | None = word(words.Reflectance, only=("classic",), without="schlick (classic only)")
     eta: words.EtaConvention | None = word(words.EtaConvention, only=("classic",), without="course (classic only)")
 
 
-class Background(eqx.Module):
+class Background(SingleBlock):
     """Light from infinitely far away all around: the colour `radiance` (RGB, scene-linear) times that of `texture`."""
 
-    name: str = eqx.field(static=True)
-    radiance: Float[Array, "3"] = attribute(RGB, quantity=LIGHT)
-    texture: int = _column(only=("physical",), without="")
+    radiance: Vector = attribute(RGB, quantity=LIGHT)
+    texture: int = _column(only=PHYSICAL, without="")
 
 
-class PointLights(eqx.Module):
+class PointLights(Blocks):
     """Point lights of a colour `emissivity`, scaled by `energy` in the additive model.
 
     Their light falls off with one over the distance in the classic model, in the others with the distance squared.
     """
 
-    names: tuple[str, ...] = eqx.field(static=True)
-    location: Float[Array, "3 lights"] = _point()
-    emissivity: Float[Array, "3 lights"] = attribute(RGB, quantity=SHINE)
-    energy: Float[Array, " lights"] = _scalar(10.0, NOT_NEGATIVE, LIGHT._replace(dimension=2), only=("additive",))
+    location: Vectors = _point()
+    emissivity: Vectors = attribute(RGB, quantity=SHINE)
+    energy: Numbers = _scalar(10.0, NOT_NEGATIVE, LIGHT._replace(dimension=2), only=("additive",))
 
 
-class Checkers(eqx.Module):
+class Checkers(Blocks):
     """Checker boards: `color1` where floor(x) + floor(y) is even, with x, y = (world units - `offset`) / `square`."""
 
-    names: tuple[str, ...] = eqx.field(static=True)
-    kind: tuple[str, ...] = attribute(value_type="word", choices=("checker",))
-    color1: Float[Array, "3 checkers"] = attribute(RGB, quantity=AMOUNT)
-    color2: Float[Array, "3 checkers"] = attribute(RGB, quantity=AMOUNT)
-    square: Float[Array, " checkers"] = attribute(limit=POSITIVE, quantity=LENGTH)
+    kind: tuple[str, ...] = word(Literal["checker"])
+    color1: Vectors = attribute(RGB, quantity=AMOUNT)
+    color2: Vectors = attribute(RGB, quantity=AMOUNT)
+    square: Numbers = _length()
     offset: Float[Array, "2 checkers"] = attribute(XY, default=(0.0, 0.0), quantity=VECTOR)
 
 
-class Images(eqx.Module):
+class Images(Blocks):
     """Pictures on surfaces, scene-linear; row 0 is the top one.
 
     Args:
@@ -211,16 +229,15 @@ class Images(eqx.Module):
         wrap: what is beyond the border: `clamp`, `repeat` or `black`.
     """
 
-    names: tuple[str, ...] = eqx.field(static=True)
     texels: tuple[Float[Array, "3 _ _"], ...]
-    kind: tuple[str, ...] = attribute(value_type="word", choices=("image",))
+    kind: tuple[str, ...] = word(Literal["image"])
     file: tuple[str, ...] = attribute(value_type="file")
     transfer: tuple[Transfer | None, ...] = word(Transfer, without="what the file says")
     filter: tuple[words.TextureFilter, ...] = word(words.TextureFilter, "bilinear")
     wrap: tuple[words.TextureWrap, ...] = word(words.TextureWrap, "clamp")
 
 
-class Materials(eqx.Module):
+class Materials(Blocks):
     """Surface colours (RGB, scene-linear) and index of refraction `ior` > 0, which all models have; and more.
 
     Only the classic model has the transparency `alpha` in [0, 1]. Only the additive one has the exponent `hardness` of
@@ -230,62 +247,55 @@ class Materials(eqx.Module):
     fills, per world unit, and a `texture`.
     """
 
-    names: tuple[str, ...] = eqx.field(static=True)
-    ambient: Float[Array, "3 materials"] = _color("classic", "additive", additive=0.05, quantity=SHINE)
-    diffuse: Float[Array, "3 materials"] = _color(additive=0.78)
-    specular: Float[Array, "3 materials"] = _color("classic", "additive", additive=0.2)
-    alpha: Float[Array, " materials"] = _weight("classic")
-    ior: Float[Array, " materials"] = _index(default=(1.0,), model_defaults={"additive": (1.45,), "physical": (1.5,)})
-    hardness: Float[Array, " materials"] = _scalar(1000.0, NOT_NEGATIVE, only=("additive",))
-    reflectivity: Float[Array, " materials"] = _weight("additive", "physical")
-    fresnel: Float[Array, " materials"] = _weight("additive")
-    transmission: Float[Array, " materials"] = _weight("additive", "physical")
-    emission: Float[Array, "3 materials"] = _color("physical", quantity=LIGHT)
-    absorption: Float[Array, "3 materials"] = _color("physical", limit=NOT_NEGATIVE, quantity=PER_LENGTH)
-    texture: tuple[int, ...] = _column(only=("physical",), without="")
+    ambient: Vectors = _color("classic", "additive", additive=0.05, quantity=SHINE)
+    diffuse: Vectors = _color(additive=0.78)
+    specular: Vectors = _color("classic", "additive", additive=0.2)
+    alpha: Numbers = _weight("classic")
+    ior: Numbers = _index(default=(1.0,), model_defaults={"additive": (1.45,), "physical": (1.5,)})
+    hardness: Numbers = _scalar(1000.0, NOT_NEGATIVE, only=("additive",))
+    reflectivity: Numbers = _weight("additive", "physical")
+    fresnel: Numbers = _weight("additive")
+    transmission: Numbers = _weight("additive", "physical")
+    emission: Vectors = _color("physical", quantity=LIGHT)
+    absorption: Vectors = _color("physical", limit=NOT_NEGATIVE, quantity=PER_LENGTH)
+    texture: tuple[int, ...] = _column(only=PHYSICAL, without="")
 
 
 class AbbeMaterials(Materials):
     """Materials with dispersion: `ior` is that at 587.56 nm, `abbe` > 0 Abbe's number V."""
 
-    abbe: Float[Array, " materials"] = attribute(after="ior", only=("physical",), limit=POSITIVE, quantity=AMOUNT)
+    abbe: Numbers = attribute(after="ior", only=PHYSICAL, limit=POSITIVE, quantity=AMOUNT)
 
 
 class ChannelMaterials(Materials):
     """Materials with an index of refraction for each channel."""
 
-    ior: Float[Array, "3 materials"] = _index(RGB)
+    ior: Vectors = _index(RGB)
 
 
-class Planes(eqx.Module):
+class Planes(Shapes):
     """Two-sided planes through `point`; `normal` is kept as the file gives it and need not have length one."""
 
-    names: tuple[str, ...] = eqx.field(static=True)
-    material: tuple[int, ...] = _column()
-    normal: Float[Array, "3 planes"] = attribute(XYZ, limit=NOT_ALL_ZERO)
-    point: Float[Array, "3 planes"] = _point()
+    normal: Vectors = _direction()
+    point: Vectors = _point()
 
 
-class Spheres(eqx.Module):
+class Spheres(Shapes):
     """Spheres with outward normals."""
 
-    names: tuple[str, ...] = eqx.field(static=True)
-    material: tuple[int, ...] = _column()
-    center: Float[Array, "3 spheres"] = _point(VECTOR._replace(scale="block", sized_by=("radius",), role="position"))
-    radius: Float[Array, " spheres"] = attribute(limit=POSITIVE, quantity=LENGTH)
+    center: Vectors = _point(VECTOR._replace(scale="block", sized_by=("radius",), role="position"))
+    radius: Numbers = _length()
 
 
-class Rectangles(eqx.Module):
+class Rectangles(Shapes):
     """Two-sided rectangles `center + u right + v up` with u and v from -1 to 1; `right` and `up` are orthogonal."""
 
-    names: tuple[str, ...] = eqx.field(static=True)
-    material: tuple[int, ...] = _column()
-    center: Float[Array, "3 rectangles"] = _point(VECTOR._replace(scale="block", sized_by=("right", "up")))
-    right: Float[Array, "3 rectangles"] = attribute(XYZ, limit=NOT_ALL_ZERO, quantity=VECTOR)
-    up: Float[Array, "3 rectangles"] = attribute(XYZ, limit=NOT_ALL_ZERO, quantity=VECTOR)
+    center: Vectors = _point(VECTOR._replace(scale="block", sized_by=("right", "up")))
+    right: Vectors = _direction(quantity=VECTOR)
+    up: Vectors = _direction(quantity=VECTOR)
 
 
-class Slabs(eqx.Module):
+class Slabs(Shapes):
     """Liquid or glass between parallel planes, such as a tank: without end sideways, with a clear wall on either side.
 
     Args:
@@ -296,10 +306,9 @@ class Slabs(eqx.Module):
         wall_ior: the walls' index of refraction.
     """
 
-    names: tuple[str, ...] = eqx.field(static=True)
-    material: tuple[int, ...] = _column(only=("physical",))
-    point: Float[Array, "3 slabs"] = attribute(XYZ, quantity=VECTOR, only=("physical",))
-    normal: Float[Array, "3 slabs"] = attribute(XYZ, limit=NOT_ALL_ZERO, only=("physical",))
-    thickness: Float[Array, " slabs"] = attribute(limit=POSITIVE, quantity=LENGTH, only=("physical",))
-    wall: Float[Array, " slabs"] = _scalar(0.0, NOT_NEGATIVE, LENGTH, only=("physical",))
-    wall_ior: Float[Array, " slabs"] = _index(default=(1.5,), only=("physical",))
+    material: tuple[int, ...] = _column(only=PHYSICAL)
+    point: Vectors = _point(only=PHYSICAL)
+    normal: Vectors = _direction(only=PHYSICAL)
+    thickness: Numbers = _length(only=PHYSICAL)
+    wall: Numbers = _scalar(0.0, NOT_NEGATIVE, LENGTH, only=PHYSICAL)
+    wall_ior: Numbers = _index(default=(1.5,), only=PHYSICAL)

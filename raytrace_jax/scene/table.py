@@ -4,7 +4,10 @@ The reader, the writer, the constructors in Python and the parameters by name al
 same values. A new type of shape is its struct in `structs` and its row here.
 """
 
+from itertools import groupby
+
 import numpy as np
+from numpy.linalg import norm
 
 from . import structs
 from .lens import visible_fraction
@@ -18,7 +21,7 @@ SETTINGS = "settings"
 def _direction(a: np.ndarray) -> np.ndarray:
     """The unit vector along `a` in float64; zero stays zero, and squares neither overflow nor vanish."""
     scaled = np.asarray(a, np.float64) / (np.max(np.abs(a)) or 1.0)
-    return scaled / (np.linalg.norm(scaled) or 1.0)
+    return scaled / (norm(scaled) or 1.0)
 
 
 def _not_orthogonal(right: np.ndarray, up: np.ndarray) -> str | None:
@@ -33,7 +36,7 @@ def _not_upright(viewpoint: np.ndarray, lookat: np.ndarray, up: np.ndarray) -> s
         return "lookat must be another point than viewpoint, or the camera looks nowhere"
     # Halved, the difference of two large numbers cannot overflow.
     view = _direction(np.asarray(lookat, np.float64) / 2 - np.asarray(viewpoint, np.float64) / 2)
-    if np.linalg.norm(np.cross(view, _direction(up))) >= 1e-6:  # float32 resolves no more.
+    if norm(np.cross(view, _direction(up))) >= 1e-6:  # float32 resolves no more.
         return None
     return "up must not be parallel to the view from viewpoint to lookat, or nothing is upright"
 
@@ -75,8 +78,7 @@ _ROWS = (
 )
 
 BLOCK_TYPES: dict[str, tuple[BlockType, ...]] = {
-    keyword: tuple(row for row in _ROWS if row.keyword == keyword)
-    for keyword in dict.fromkeys(row.keyword for row in _ROWS)
+    keyword: tuple(rows) for keyword, rows in groupby(_ROWS, lambda row: row.keyword)
 }
 """The types of blocks by keyword, in the order in which a scene is written."""
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import os
 import warnings
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from ..errors import ModelFileError, PictureError, SceneError
 from ..images.exr import write_exr
 from ..images.pictures import read_whole_picture
 from ..util.digits import format_number
-from ..util.files import write_text
+from ..util.files import StrPath, write_text
 from ..util.text import quoted
 from .parameters import Block, blocks, scene_model
 from .reader import CLOSING, Token, TokenStream, read_blocks
@@ -126,18 +125,18 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
     """
     rows = []
     for block in blocks(scene):
-        values = {attribute.name: plain_value(scene, block, attribute) for attribute in block.type.attributes}
-        if values.get("file") == "":
-            raise SceneError(f"the {block.keyword} {quoted(block.name)} came as numbers: a file is wanted for it.")
-        said = {name: value for name, value in values.items() if value is not None}
-        plain = {name: v if isinstance(v, str) else np.asarray(v).tolist() for name, v in said.items()}
-        rows.append({"block": block.keyword, "name": block.name, **plain})
+        row: dict[str, Any] = {"block": block.keyword, "name": block.name}
+        for attribute in block.type.attributes:
+            value = plain_value(scene, block, attribute)
+            if attribute.value_type == "file" and not value:
+                raise SceneError(f"the {block.keyword} {quoted(block.name)} came as numbers: a file is wanted for it.")
+            if value is not None:
+                row[attribute.name] = value if isinstance(value, str) else np.asarray(value).tolist()
+        rows.append(row)
     return {"model": scene.model, "blocks": rows}
 
 
-def save_scene(
-    scene: Scene, path: str | os.PathLike[str], *, model: ModelName | None = None, comments: str = ""
-) -> str:
+def save_scene(scene: Scene, path: StrPath, *, model: ModelName | None = None, comments: str = "") -> str:
     """Write a scene's file, each file whole or not at all, and return its text.
 
     A texture whose file does not lie where the new scene's file would look for it is written beside that file, as
@@ -149,8 +148,8 @@ def save_scene(
         RaytraceError: a file cannot be written.
     """
     path, images = Path(path), scene.images
-    missing = [k for k in range(len(images.names)) if not _is_found(images, k, path.parent)]
-    files = {k: f"{path.stem}.{images.names[k]}.exr" for k in missing}
+    stored = [_is_stored(images, k, path.parent) for k in range(len(images.names))]
+    files = {k: f"{path.stem}.{images.names[k]}.exr" for k, is_stored in enumerate(stored) if not is_stored}
     file = tuple(files.get(k, old) for k, old in enumerate(images.file))
     transfer = tuple(None if k in files else old for k, old in enumerate(images.transfer))
     moved = dataclasses.replace(scene, images=dataclasses.replace(images, file=file, transfer=transfer))
@@ -161,7 +160,7 @@ def save_scene(
     return text
 
 
-def _is_found(images: Images, k: int, folder: Path) -> bool:
+def _is_stored(images: Images, k: int, folder: Path) -> bool:
     """Whether the file of a texture, as the scene has it, is in a folder, with the same picture."""
     if not images.file[k] or not (folder / images.file[k]).is_file():
         return False

@@ -17,9 +17,10 @@ import numpy as np
 from jax.sharding import PartitionSpec
 from jaxtyping import Array, Bool, Float, Int
 
-from ..util.numerics import repeat
-from .levels.integrator import RAYS_A_PLACE
-from .resolved_settings import ResolvedSettings
+from ..util.numerics import is_traced, repeat
+from .geometry.rays import Count, Number, Step
+from .integrator import RAYS_A_PLACE, PixelOutcome
+from .settings import ResolvedSettings
 
 T = TypeVar("T")
 
@@ -48,22 +49,30 @@ class Batches(NamedTuple):
     picture: Int[np.ndarray, "devices slots"]  # Which picture a slot's batch is of.
     points: Float[Array, "devices slots 2 places"] | Float[np.ndarray, "devices slots 2 places"]  # Where pixels look.
     counts: Int[np.ndarray, "devices slots"]  # How many pixels there are; 0 in the slots that are empty, the last ones.
-    step: Float[np.ndarray, "2"]  # How far it is from one pixel to the next.
+    step: Step  # How far it is from one pixel to the next.
 
 
 Program = Callable[[Batches], tuple[tuple[Array, ...], Bool[Array, "devices slots places"]]]
 """Traces batches: returns arrays "devices slots ... places", and which pixels are complete."""
 
 
-TracePoints = Callable[[int, Points, Float[np.ndarray, "2"], ResolvedSettings, Program], tuple[list[Any], Any]]
-"""`in_batches` or `in_one_call`, which trace points in each of some pictures.
+def trace_points(
+    pictures: int, points: Points, step: Step, settings: ResolvedSettings, program: Program
+) -> tuple[list[Any], Any]:
+    """Trace points in each of some pictures.
 
-They take `(pictures, points, step, settings, program)`; `step` is how far it is from one pixel to the next, of no
-matter to points. They return the program's arrays, "pictures ... points", and how many points lacked room for their
-rays."""
+    Args:
+        points: traced within a transformation of JAX, where the program is a part of the caller's, of one picture.
+        step: how far it is from one pixel to the next, of no matter to points.
+
+    Returns:
+        The program's arrays, "pictures ... points", and how many points lacked room for their rays.
+    """
+    trace = in_one_call if is_traced(points) else in_batches
+    return trace(pictures, points, step, settings, program)
 
 
-def ray_budget(settings: ResolvedSettings, step: Float[np.ndarray, "2"], points: int | None = None) -> float:
+def ray_budget(settings: ResolvedSettings, step: Step, points: int | None = None) -> float:
     """How many rays a pixel may want, on the mean of a whole picture, or of some of its points.
 
     Our own scenes want up to 9 by points. By areas they want 16 at 240 pixels a row, 35 at 64 and 73 at 16: large
@@ -75,16 +84,15 @@ def ray_budget(settings: ResolvedSettings, step: Float[np.ndarray, "2"], points:
     return mean if points is None else mean * min(max(round(1 / abs(float(np.prod(step)))) / points, 1), 10)
 
 
-def refuse_overflow(
-    complete: Bool[Array, " places"], count: Int[Array, ""], dtype: np.dtype, settings: ResolvedSettings
-) -> Float[Array, ""]:
+def refuse_overflow(found: PixelOutcome, count: Count, settings: ResolvedSettings) -> Number:
     """One, or an error while the program runs: some of the first `count` pixels are not complete, and `throw` is on.
 
     It is a factor of a batch's colours, and so of their derivatives. An error of the whole picture would be lost with
     it where only derivatives are in use, or reverse mode would trace the picture once more for it.
     """
+    one = jnp.ones((), found.color.dtype)
     if not settings.throw or settings.rays_per_pixel is None:
-        return jnp.ones((), dtype)
+        return one
     # What is missing is not known, for trees that are not complete may grow: the share of those that are is a hint.
     factors = 2.0 ** np.arange(1, 4)
     said = [
@@ -93,9 +101,9 @@ def refuse_overflow(
         "and film.overflow."
         for factor in factors
     ]
-    wanted, done = jnp.asarray(count, jnp.float32), jnp.sum(complete, dtype=jnp.float32)
+    wanted, done = jnp.asarray(count, jnp.float32), jnp.sum(found.complete, dtype=jnp.float32)
     index = jnp.searchsorted(np.float32(factors[:-1]), np.float32(1.2) * wanted / jnp.maximum(done, 1))
-    return eqx.branched_error_if(jnp.ones((), dtype), done < wanted, index, said)
+    return eqx.branched_error_if(one, done < wanted, index, said)
 
 
 def batch_sizes(rays_per_pixel: float, settings: ResolvedSettings) -> tuple[int, int]:
@@ -119,9 +127,9 @@ def spread(points: int, most: int) -> int:
 
 
 def in_batches(
-    pictures: int, points: Points, step: Float[np.ndarray, "2"], settings: ResolvedSettings, program: Program
+    pictures: int, points: Points, step: Step, settings: ResolvedSettings, program: Program
 ) -> tuple[list[np.ndarray], int]:
-    """As `TracePoints`, outside of JAX's transformations: until no point lacks room."""
+    """As `trace_points`, outside of JAX's transformations: until no point lacks room."""
     total, devices = points.shape[1], jax.device_count()
     rays = FIRST_SHARE[settings.edges or "aware"] * ray_budget(settings, step)
     left, found = [np.arange(total)] * pictures, list[np.ndarray]()
@@ -155,9 +163,7 @@ def in_batches(
     return found, 0
 
 
-def fill_slots(
-    batches: list[tuple[int, np.ndarray]], points: Points, step: Float[np.ndarray, "2"], queue: int
-) -> Batches:
+def fill_slots(batches: list[tuple[int, np.ndarray]], points: Points, step: Step, queue: int) -> Batches:
     """Batches in the slots of all devices: of which picture they are, and which of the points they have."""
     devices = jax.device_count()
     picture, counts = np.full((2, devices, BATCHES), [[[batches[0][0]]], [[0]]])
@@ -169,9 +175,9 @@ def fill_slots(
 
 
 def in_one_call(
-    pictures: int, points: Points, step: Float[np.ndarray, "2"], settings: ResolvedSettings, program: Program
-) -> tuple[list[Array], Int[Array, ""]]:
-    """As `TracePoints`, within a transformation of JAX, of one picture: all batches at once, on one device.
+    pictures: int, points: Points, step: Step, settings: ResolvedSettings, program: Program
+) -> tuple[list[Array], Count]:
+    """As `trace_points`, within a transformation of JAX, of one picture: all batches at once, on one device.
 
     On several CPUs derivatives would be summed, and the program may wait for itself for ever (XLA of JAX 0.10: the
     all-reduces of two devices that begin in another order).

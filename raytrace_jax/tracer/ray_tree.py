@@ -16,10 +16,9 @@ from ..util.compilation import jit
 from ..util.numerics import dot
 from .geometry.camera import picture_place, pixel_step
 from .geometry.rays import NO_SHAPE, unpacked
-from .levels.integrator import RAYS_A_PLACE, Wavefront, trace_queue
-from .levels.level import MODELS
-from .resolved_settings import ResolvedSettings, resolve_settings
-from .settings import RenderSettings
+from .integrator import RAYS_A_PLACE, Wavefront, trace_queue
+from .level import MODELS
+from .settings import RenderSettings, ResolvedSettings, resolve_settings
 from .shading.model import materials_at
 from .world import prepare_world
 
@@ -85,12 +84,12 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
 
     # More rays could not be read, and double with each further bounce.
     most = 8192
-    tail, found = jax.tree.map(np.asarray, _queue_of(scene, float(column), float(row), settings, most))
+    tail, arrays = jax.tree.map(np.asarray, _queue_of(scene, float(column), float(row), settings, most))
     if tail > most:
         raise RaytraceError(f"the tree has more than {most} rays; allow fewer bounces.")
-    found = {name: values[..., :tail] for name, values in found.items()}
-    dropped = int(np.sum(found["wanted"] & (found["number"] == settings.levels)))
-    return RayTree((column, row), _as_nodes(found, tuple(surface_owners(scene))), dropped)
+    arrays = {name: values[..., :tail] for name, values in arrays.items()}
+    dropped = int(np.sum(arrays["wanted"] & (arrays["number"] == settings.levels)))
+    return RayTree((column, row), _as_nodes(arrays, tuple(surface_owners(scene))), dropped)
 
 
 @functools.partial(jit, static_argnames=("settings", "most"))
@@ -101,49 +100,49 @@ def _queue_of(
     dtype, step = camera.viewpoint.dtype, pixel_step(camera, settings)
     place = jnp.stack([jnp.full(most // RAYS_A_PLACE, x, dtype) for x in (column, row)])
     points = jnp.stack(picture_place(camera, settings, *place))
-    queue, results = trace_queue(Wavefront(world, camera, points, jnp.asarray(step, dtype), 1, settings, True))
+    queue, results = trace_queue(Wavefront(world, camera, points, jnp.asarray(step, dtype), 1, True))
     rays, record, si = unpacked(queue.rays), queue.traced, queue.traced.si
     assert si is not None
-    found = {"number": queue.rays.number, "color": results.color, "o": rays.o, "d": rays.d, "valid": record.valid}
-    found |= {"shape": si.shape, "p": si.p, "n": si.n, "distance": si.t, "path_length": si.path_length}
+    arrays = {"number": queue.rays.number, "color": results.color, "o": rays.o, "d": rays.d, "valid": record.valid}
+    arrays |= {"shape": si.shape, "p": si.p, "n": si.n, "distance": si.t, "path_length": si.path_length}
     surface = record.scattering.surface
     if surface is None or record.wanted is None:  # An empty scene.
         nothing = jnp.zeros((0, record.valid.size), bool)
-        return queue.tail, found | {"children": nothing, "wanted": nothing}
+        return queue.tail, arrays | {"children": nothing, "wanted": nothing}
 
     # What the tracer does not keep: angles, weights and media.
     model, d_dot_n = MODELS[settings.model], dot(rays.d, si.n)
-    media = model.media(world, si, d_dot_n < 0, settings)
+    media = model.media(world, si, d_dot_n < 0)
     _, cos_theta_t, total = refract(rays.d, si.n, media.eta)
     transparent = si.valid & (model.transparency(materials_at(world, si)) > 0)
-    reflect, transmit = jnp.where(record.wanted, jnp.stack(model.child_weights(surface)), 0)
-    found |= {"children": record.children, "wanted": record.wanted, "entering": d_dot_n < 0}
-    found |= {"theta_i": jnp.arccos(jnp.clip(jnp.abs(d_dot_n), 0, 1)), "total": total & transparent}
-    found |= {"theta_t": jnp.where(transparent & ~total, jnp.arccos(jnp.clip(cos_theta_t, -1, 1)), -1)}
-    found |= {"reflect": reflect, "transmit": transmit}
+    reflect, transmit = jnp.where(record.wanted, jnp.stack(surface.child_weights()), 0)
+    arrays |= {"children": record.children, "wanted": record.wanted, "entering": d_dot_n < 0}
+    arrays |= {"theta_i": jnp.arccos(jnp.clip(jnp.abs(d_dot_n), 0, 1)), "total": total & transparent}
+    arrays |= {"theta_t": jnp.where(transparent & ~total, jnp.arccos(jnp.clip(cos_theta_t, -1, 1)), -1)}
+    arrays |= {"reflect": reflect, "transmit": transmit}
     if media.transmittance is not None and media.front is not None:
-        found |= {"medium": media.front, "absorbed": 1 - jnp.mean(media.transmittance, axis=0)}
-    return queue.tail, found
+        arrays |= {"medium": media.front, "absorbed": 1 - jnp.mean(media.transmittance, axis=0)}
+    return queue.tail, arrays
 
 
-def _as_nodes(found: dict[str, np.ndarray], names: tuple[str, ...]) -> tuple[RayNode, ...]:
+def _as_nodes(arrays: dict[str, np.ndarray], names: tuple[str, ...]) -> tuple[RayNode, ...]:
     """The rays of a queue as nodes, level by level; what is told of a hit is nothing where there is none."""
     nodes: list[RayNode] = []
     # Whose child sits in which place of the queue; parents come before their children.
     origins: dict[int, tuple[int | None, RayKind]] = {0: (None, "camera")}
-    for number, place in enumerate(np.argsort(found["number"], kind="stable").tolist()):
-        own = {name: values[..., place] for name, values in found.items()}
-        origins |= {child: (number, kind) for child, kind in zip(own["children"].tolist(), KINDS, strict=False)}
+    for number, place in enumerate(np.argsort(arrays["number"], kind="stable").tolist()):
+        ray = {name: values[..., place] for name, values in arrays.items()}
+        origins |= {child: (number, kind) for child, kind in zip(ray["children"].tolist(), KINDS, strict=False)}
         parent, kind = origins[place]
         # Its weight is its parent's times what the parent sends its way.
         above = None if parent is None else nodes[parent]
         weight = above.weight * (above.reflect if kind == "reflected" else above.transmit) if above else 1.0
-        fields: dict[str, Any] = {name: own[name] for name in ("o", "d", "p", "n", "color")}
-        fields |= {name: own[name].item() for name in ("distance", "path_length")}
-        if own["valid"]:
-            fields |= {name: own[name].item() for name in ("entering", "theta_i", "total", "reflect", "transmit")}
-            fields |= {"shape": names[own["shape"]], "theta_t": own["theta_t"].item() if own["theta_t"] >= 0 else None}
-            if own.get("medium", NO_SHAPE) != NO_SHAPE:
-                fields |= {"medium": names[own["medium"]], "absorbed": own["absorbed"].item()}
-        nodes.append(RayNode(number, parent, kind, own["number"].item(), weight, **fields))
+        fields: dict[str, Any] = {name: ray[name] for name in ("o", "d", "p", "n", "color")}
+        fields |= {name: ray[name].item() for name in ("distance", "path_length")}
+        if ray["valid"]:
+            fields |= {name: ray[name].item() for name in ("entering", "theta_i", "total", "reflect", "transmit")}
+            fields |= {"shape": names[ray["shape"]], "theta_t": ray["theta_t"].item() if ray["theta_t"] >= 0 else None}
+            if ray.get("medium", NO_SHAPE) != NO_SHAPE:
+                fields |= {"medium": names[ray["medium"]], "absorbed": ray["absorbed"].item()}
+        nodes.append(RayNode(number, parent, kind, ray["number"].item(), weight, **fields))
     return tuple(nodes)

@@ -15,7 +15,7 @@ from ..scene.table import BLOCK_TYPES
 from .geometry.rays import Number, Scalars
 from .geometry.shape_types import repeated, scene_shapes, shape_materials
 from .geometry.shapes import Shapes
-from .resolved_settings import ResolvedSettings
+from .settings import ResolvedSettings
 from .shading.image_texture import Pyramid
 from .shading.textures import Textures, prepare_pyramids, prepare_textures
 
@@ -33,10 +33,14 @@ class World(eqx.Module):
     background: Background | None
     channel_ior: Float[Array, "3 shapes"] | None  # In the place of the material's; None where all channels have one.
 
+    @property
+    def settings(self) -> ResolvedSettings:
+        return self.shapes.settings
+
 
 def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyramid, ...] | None = None) -> World:
     scene = with_planes(scene)
-    shapes = scene_shapes(scene)
+    shapes = scene_shapes(scene, settings)
     has_more = settings.model == "physical"
     if has_more:
         hidden = repeated(jax.lax.stop_gradient(shapes))

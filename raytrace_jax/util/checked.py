@@ -72,11 +72,13 @@ def refuse_other(given: object, wanted: type, maker: str = "") -> None:
 
 @functools.cache
 def hints(options: type) -> dict[str, Any]:
+    """The annotations of the fields of a class of options, by name, with what `Annotated` says."""
     found = get_type_hints(options, include_extras=True)
     return {field.name: found[field.name] for field in dataclasses.fields(options)}
 
 
 def wanted(hint: Any) -> Wanted:
+    """What an annotation says is wanted of a value."""
     found = [part for part in getattr(hint, "__metadata__", ()) if isinstance(part, Wanted)]
     return found[0] if found else Wanted()
 
@@ -90,10 +92,12 @@ def core(hint: Any) -> Any:
 
 
 def is_row(hint: Any) -> bool:
+    """Whether an annotation is that of several values, a tuple or a sequence."""
     return get_origin(core(hint)) in (tuple, Sequence)
 
 
 def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
+    """Whether a value is of the annotated type and within its limits."""
     kinds, origin = get_args(hint), get_origin(hint)
     if origin is Annotated:
         return suits(value, kinds[0], wanted(hint))
@@ -120,6 +124,7 @@ def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
 
 
 def in_words(hint: Any) -> str:
+    """What an annotation wants, in words: `a number from 0 to 1`."""
     said, kind, words = wanted(hint), core(hint), words_of(hint)
     if said.words:
         return said.words

@@ -1,24 +1,37 @@
 """The compilation of programs with the options that were measured to help on the CPU.
 
-A program is compiled once for each kind of arguments, and `kept_programs` has its trace for later processes.
+A program is compiled once for each kind of arguments, and its trace is kept in a file for later processes. JAX keeps
+compiled programs by itself, but by what tracing gave: a process has to trace each program to find it, which takes
+longer than to run it. Here what tracing gave is found by what it was traced from: the function, its static arguments,
+the kinds of its arrays, and the text of this package.
 """
 
+import contextlib
 import functools
+import hashlib
 import inspect
 import os
+import pickle
+import sys
 import threading
 import weakref
 from collections.abc import Callable, Hashable
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 from jax.core import Tracer
-from jax.export import Exported, export
+from jax.export import Exported, deserialize, export
 
 from ..errors import RaytraceError
-from .kept_programs import load_program, program_path, save_program
+from .cache_folder import program_files
+from .files import atomic_write
 from .numerics import with_lower_ranks
+
+Program = Callable[[list[Any]], Any]
+"""A compiled program, from arrays to a function's results."""
 
 EXPORTED = "_exported"
 """End of the name of a program that is compiled from what was kept."""
@@ -88,7 +101,7 @@ class Jitted:
         function = self.function = with_lower_ranks(function)
         self.static = {static_argnames} if isinstance(static_argnames, str) else set(static_argnames)
         self.signature = inspect.signature(function)
-        self.programs: dict[Hashable, Callable[[list[Any]], Any]] = {}
+        self.programs: dict[Hashable, Program] = {}
         self.lock = threading.RLock()
         self.within = jax.jit(function, static_argnames=tuple(self.static))
         ALL_JITTED.add(self)
@@ -111,7 +124,7 @@ class Jitted:
         leaves, structure = jax.tree.flatten(arrays)
         return static, [_anywhere(leaf) for leaf in leaves], structure
 
-    def _program(self, static: dict[str, Any], leaves: list[Any], structure: Any) -> Callable[[list[Any]], Any]:
+    def _program(self, static: dict[str, Any], leaves: list[Any], structure: Any) -> Program:
         """The compiled program for such arguments: from their arrays to the function's results."""
         # Settings that a program depends on besides its arguments.
         names = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_device")
@@ -127,9 +140,7 @@ class Jitted:
                     COMPILED_NOW.discard(key)
             return self.programs[key]
 
-    def _load_or_compile(
-        self, static: dict[str, Any], arrays: list[Any], arrays_tree: Any, key: Hashable
-    ) -> Callable[[list[Any]], Any]:
+    def _load_or_compile(self, static: dict[str, Any], arrays: list[Any], arrays_tree: Any, key: Hashable) -> Program:
         path = program_path(self.function, key)
         if path and (traced := load_program(path)):
             exported, structure = traced
@@ -139,10 +150,8 @@ class Jitted:
         @functools.wraps(self.function)
         def function(leaves):
             nonlocal structure
-            given = {**jax.tree.unflatten(arrays_tree, leaves), **static}
-            # In the order of the signature, by place what can be: JAX's transformations ask for that.
-            ordered = {name: given[name] for name in self.signature.parameters if name in given}
-            bound = inspect.BoundArguments(self.signature, ordered)  # pyright: ignore[reportArgumentType]
+            # By place what can be: JAX's transformations ask for that.
+            bound = self.signature.bind(**jax.tree.unflatten(arrays_tree, leaves), **static)
             leaves, structure = jax.tree.flatten(self.function(*bound.args, **bound.kwargs))
             return leaves
 
@@ -154,7 +163,7 @@ class Jitted:
         return _unflattened(_compiled(exported, arrays), structure)
 
 
-def _unflattened(compiled: jax.stages.Compiled, structure: Any) -> Callable[[list[Any]], Any]:
+def _unflattened(compiled: jax.stages.Compiled, structure: Any) -> Program:
     return lambda leaves: jax.tree.unflatten(structure, compiled(leaves))
 
 
@@ -209,3 +218,66 @@ def _leaf_key(leaf: Any) -> Hashable:
 def jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """`Jitted`, also as a decorator."""
     return functools.partial(Jitted, **options) if function is None else Jitted(function, **options)
+
+
+MOST_BYTES = 1_000_000_000  # For programs, ours and JAX's, up to a megabyte each: of more, the oldest go.
+
+_folder: Path | None = None
+
+
+def keep_programs(folder: Path | None) -> None:
+    """Keep programs in a folder that can be written, JAX's own, from now on; in none if it is None."""
+    global _folder
+    _folder = folder
+
+
+def program_path(function: Callable, key: Hashable) -> Path | None:
+    """The file of a program; None for functions within functions and of others, which depend on what we do not see."""
+    name = f"{function.__module__}.{function.__qualname__}"
+    if _folder is None or not name.startswith("raytrace_jax.") or "<" in name:
+        return None
+    digest = hashlib.sha256(repr((name, key)).encode()).hexdigest()
+    return _folder / "programs" / _fingerprint() / f"{function.__name__}-{digest[:32]}"
+
+
+@functools.cache
+def _fingerprint() -> str:
+    """Digest of all else that tracing depends on: our text, the libraries, the platform."""
+    digest = hashlib.sha256()
+    root = Path(__file__).parents[1]
+    for file in sorted(root.rglob("*.py")):
+        digest.update(str(file.relative_to(root)).encode() + file.read_bytes())
+    libraries = [version(name) for name in ("jax", "jaxlib", "equinox", "numpy")]
+    digest.update(repr((libraries, sys.version, jax.default_backend())).encode())
+    return digest.hexdigest()[:16]
+
+
+def load_program(path: Path) -> tuple[Exported, Any] | None:
+    """A traced program, from a list of arrays to that of the results, and the results' tree; None without a file."""
+    try:
+        stored, example = pickle.loads(path.read_bytes())
+        exported = deserialize(bytearray(stored))
+        os.utime(path)
+        return exported, jax.tree.structure(example)
+    except Exception:  # Whatever may be wrong with a file of a cache: it can be made anew.
+        return None
+
+
+def save_program(path: Path, exported: Exported, structure: Any) -> None:
+    # A program that cannot be stored, or a disk that is full, costs the next process time and nothing else.
+    with contextlib.suppress(Exception):
+        # A structure cannot be stored, what has it can.
+        example = jax.tree.unflatten(structure, range(structure.num_leaves))
+        content = pickle.dumps((bytes(exported.serialize()), example))
+        with atomic_write(path) as temporary:
+            temporary.write_bytes(content)
+        _make_room(path.parents[2])
+
+
+def _make_room(folder: Path) -> None:
+    """Remove the files that were not used for longest, beyond `MOST_BYTES`."""
+    left = MOST_BYTES
+    for file in sorted(program_files(folder), key=lambda file: file.stat().st_mtime, reverse=True):
+        left -= file.stat().st_size
+        if left < 0:
+            file.unlink(missing_ok=True)

@@ -14,8 +14,11 @@ from typing import Any
 
 from ..errors import RaytraceError
 
+StrPath = str | os.PathLike[str]
+"""The name of a file."""
 
-def as_path(name: str | os.PathLike[str], error: type[RaytraceError] = RaytraceError) -> Path:
+
+def as_path(name: StrPath, error: type[RaytraceError] = RaytraceError) -> Path:
     """The path that a name stands for. Raises `error` of what is no name, as a number or an array."""
     try:
         return Path(name)
@@ -24,7 +27,7 @@ def as_path(name: str | os.PathLike[str], error: type[RaytraceError] = RaytraceE
 
 
 @contextlib.contextmanager
-def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = RaytraceError) -> Iterator[Path]:
+def atomic_write(path: StrPath, *, error: type[RaytraceError] = RaytraceError) -> Iterator[Path]:
     """Yield a temporary path in the folder of `path`; on success it is renamed onto `path`, else removed.
 
     Missing folders are made, a symbolic link is followed. The temporary name `.NAME.part-XXXXXXXX.SUFFIX` keeps the
@@ -53,13 +56,13 @@ def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = R
             temporary.unlink()
 
 
-def write_text(path: str | os.PathLike[str], text: str) -> None:
+def write_text(path: StrPath, text: str) -> None:
     """Write a text as `atomic_write`; the names of files in it may have what UTF-8 lacks, which is escaped."""
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
-def read_bytes(path: str | os.PathLike[str], *, count: int = -1, error: type[RaytraceError] = RaytraceError) -> bytes:
+def read_bytes(path: StrPath, *, count: int = -1, error: type[RaytraceError] = RaytraceError) -> bytes:
     """Return the first `count` bytes of a file (-1: all of them).
 
     Raises:
@@ -88,15 +91,14 @@ def read_toml(path: Path, error: type[RaytraceError] = RaytraceError) -> dict[st
 
 
 def write_failure(cause: OSError, folder: Path) -> str:
-    if cause.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
-        return f"the folder {folder} is not writable"
-    if cause.errno in (errno.ENOSPC, errno.EDQUOT):
-        return "the disk is full"
-    if cause.errno == errno.ENOENT:
-        return f"no folder can be made in {folder}"
-    if cause.errno in (errno.EEXIST, errno.ENOTDIR):
-        return f"{folder} is not a folder"
-    return cause.strerror or str(cause)
+    """Why nothing could be written into a folder, as the end of a sentence."""
+    words = {
+        **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), f"the folder {folder} is not writable"),
+        **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "the disk is full"),
+        errno.ENOENT: f"no folder can be made in {folder}",
+        **dict.fromkeys((errno.EEXIST, errno.ENOTDIR), f"{folder} is not a folder"),
+    }
+    return words.get(cause.errno or 0) or cause.strerror or str(cause)
 
 
 def _close_matches(path: Path) -> str:

@@ -22,6 +22,12 @@ from jaxtyping import Array, Bool, Float
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
+Vectors = Float[Array, "3 *rays"]
+"""Three numbers a ray, components first: a point, a direction or a colour."""
+
+Scalars = Float[Array, " *rays"]
+"""One number a ray."""
+
 TINY = 1e-300
 """A divisor in float64 is at least this, lest it is 0: above the least normal number, 2e-308."""
 
@@ -44,12 +50,13 @@ def with_lower_ranks(function: F) -> F:
     return wrapped  # pyright: ignore[reportReturnType]
 
 
-def dot(a: Float[Array, "3 *rays"], b: Float[Array, "3 *#rays"]) -> Float[Array, " *rays"]:
+def dot(a: Vectors, b: Float[Array, "3 *#rays"]) -> Scalars:
     """Inner product of vectors whose components lie on the first axis."""
     return jnp.sum(a * b, 0)
 
 
-def dot_fixed(a: Float[Array, "3"], b: Float[Array, "3 *rays"]) -> Float[Array, " *rays"]:
+def dot_fixed(a: Float[Array, "3"], b: Vectors) -> Scalars:
+    """Dot product of one vector with that of each ray."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -58,22 +65,23 @@ def per_ray(vector: Float[Array, "3"], ray_axes: int) -> Float[Array, "3 *ones"]
     return vector.reshape((3,) + (1,) * ray_axes)
 
 
-def vectors_to(end: Float[Array, "3"], o: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
+def vectors_to(end: Float[Array, "3"], o: Vectors) -> Vectors:
+    """Vectors from the origin of each ray to one point."""
     return per_ray(end, o.ndim - 1) - o
 
 
-def normalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
+def normalize(a: Vectors) -> Vectors:
     """Vectors of length one along `a`, which must not be zero."""
     return a * jax.lax.rsqrt(dot(a, a))
 
 
-def renormalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
+def renormalize(a: Vectors) -> Vectors:
     """Vectors of length one but for rounding errors, without most of these: a Newton step of the inverse root."""
     return a * ((3 - dot(a, a)) / 2)
 
 
 @jax.custom_jvp
-def safe_normalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
+def safe_normalize(a: Vectors) -> Vectors:
     """Vectors of length one along `a`; what is shorter than 1e-6 stays short, with a finite derivative."""
     return a * jax.lax.rsqrt(jnp.maximum(dot(a, a), 1e-12))
 
@@ -88,13 +96,13 @@ def _safe_normalize_jvp(primals, tangents):
     return n, (a_dot - jnp.where(squared > 1e-12, dot(n, a_dot), 0) * n) * inverse
 
 
-def safe_sqrt(x: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
+def safe_sqrt(x: Scalars) -> Scalars:
     """`sqrt(max(x, 0))` whose derivative is zero where `x <= 0`: `where(x > 0, sqrt(x), 0)` has a derivative of NaN."""
     positive = x > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1)), 0)
 
 
-def mean_sqrt(x: Float[Array, " *rays"], width: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
+def mean_sqrt(x: Scalars, width: Scalars) -> Scalars:
     """The mean of `safe_sqrt` over an interval of that width, not negative, around `x`; `safe_sqrt(x)` where it is 0.
 
     Its derivative is the root's mean one, at most `1 / sqrt(width)`; the width is a constant to it. With p and q the
@@ -112,7 +120,7 @@ def mean_sqrt(x: Float[Array, " *rays"], width: Float[Array, " *rays"]) -> Float
     return slope * (2 / 3 * (p * p + p * q + q * q) + (x - fixed))
 
 
-def away_from_zero(x: Float[Array, " *rays"], least: Float[Array, " *#rays"] | float) -> Float[Array, " *rays"]:
+def away_from_zero(x: Scalars, least: Float[Array, " *#rays"] | float) -> Scalars:
     """`x`, moved to magnitude `least` with its sign kept where it is smaller: a divisor that cannot blow up."""
     return jnp.where(jnp.abs(x) < least, jnp.where(x < 0, -least, least), x)
 
@@ -149,7 +157,8 @@ def instantiated(tangents: T) -> T:
     return jax.tree.map(lambda x: np.zeros(x.shape, x.dtype) if is_zero(x) else x, tangents)
 
 
-def any_nonzero(color: Float[Array, "3 *rays"]) -> Bool[Array, " *rays"]:
+def any_nonzero(color: Vectors) -> Bool[Array, " *rays"]:
+    """Whether a colour is not black, of each ray."""
     return (color[0] != 0) | (color[1] != 0) | (color[2] != 0)
 
 
@@ -229,4 +238,5 @@ def real_numbers(values: object) -> np.ndarray:
 
 
 def is_masked(values: object) -> Bool[np.ndarray, "*any"]:
+    """Which values `numpy.ma` masks; none of a plain array."""
     return np.ma.getmaskarray(np.ma.asarray(values))

@@ -11,7 +11,8 @@ import jax
 
 from ..errors import RaytraceWarning
 from .cache_folder import cache_folder
-from .kept_programs import keep_programs
+from .compilation import keep_programs
+from .files import StrPath
 
 
 @contextlib.contextmanager
@@ -31,7 +32,7 @@ def jax_session(precision: int, devices: int | None = None) -> Iterator[None]:
         yield
 
 
-def enable_compile_cache(folder: str | os.PathLike[str] | None = None) -> None:
+def enable_compile_cache(folder: StrPath | None = None) -> None:
     """Keep compiled programs in files, so that the next process need not compile them again, as the command line does.
 
     Where JAX has a folder for that already nothing changes.

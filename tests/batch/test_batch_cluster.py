@@ -9,10 +9,9 @@ from distributed import KilledWorker
 from scenes import DATA
 
 from raytrace_jax import RaytraceError
-from raytrace_jax.batch.cluster import run_on_workers
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
-from raytrace_jax.batch.run import JobRecord, read_record, write_record
+from raytrace_jax.batch.run import JobRecord, read_record, run_on_workers, write_record
 
 PLAN = f"""scenes = ['{(DATA / "vitreous.txt").as_posix()}']
 [grid]
@@ -41,8 +40,8 @@ def run_with(monkeypatch, jobs, folder, outcome):
             yield types.SimpleNamespace(status=status, exception=lambda error=error: error)
 
     client = contextlib.nullcontext(types.SimpleNamespace(map=submit))
-    monkeypatch.setattr("raytrace_jax.batch.cluster._client", lambda workers, scheduler: client)
-    monkeypatch.setattr("raytrace_jax.batch.cluster.SECONDS_BETWEEN_LOOKS", 0)
+    monkeypatch.setattr("raytrace_jax.batch.run._client", lambda workers, scheduler: client)
+    monkeypatch.setattr("raytrace_jax.batch.run.SECONDS_BETWEEN_LOOKS", 0)
     run_on_workers(jobs, folder, None, "tcp://fake:1", lambda job, record: reported.append((job.name, record.status)))
     return reported
 
@@ -72,7 +71,7 @@ def test_a_scheduler_that_goes_away_is_said(jobs, tmp_path, monkeypatch):
 
 
 def test_no_scheduler_is_one_message(jobs, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("raytrace_jax.batch.cluster.SECONDS_TO_CONNECT", 0.2)
+    monkeypatch.setattr("raytrace_jax.batch.run.SECONDS_TO_CONNECT", 0.2)
     for address in ("tcp://127.0.0.1:9", "nonsense://x"):
         assert run("batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out"), "--scheduler", address) == 1
         lines = [line for line in capsys.readouterr().err.splitlines() if "error" in line]

@@ -12,7 +12,7 @@ from raytrace_jax import format_scene, load_scene, write_png
 from raytrace_jax.batch.jobs import Job, expand, job_scene
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import ResolvedSettings
 
 HEAD = 'scenes = ["ball.txt"]\n'
 

@@ -26,9 +26,8 @@ from raytrace_jax.cli.options import RenderOptions
 from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.inverse.result import Status
 from raytrace_jax.report.differences import finite_differences
-from raytrace_jax.tracer.derivatives import PictureDerivatives
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.settings import AOVS, AovName
+from raytrace_jax.tracer.rendering import PictureDerivatives
+from raytrace_jax.tracer.settings import AOVS, AovName, ResolvedSettings, resolve_settings
 
 SMALL = ["--size", "40", "30", "--max-bounces", "2"]
 SMALL_SETTINGS = ResolvedSettings(size=(40, 30), max_bounces=2, edges="point")
@@ -98,7 +97,7 @@ def test_render_options_reach_the_settings(replace_work, tmp_path):
         seen.append((scene, settings))
         raise MemoryError  # There is no need for a picture.
 
-    replace_work("render.render", record)
+    replace_work("scenes.render", record)
     options = "--reflectance none --eta physical --max-bounces 3 --samples 2 --mapping center --size 40 30"
     options += " --crop 1 2 3 4 --no-total-internal-reflection --no-second-root --no-reflection --precision 32"
     options += " --edges aware --binning 2 --path-limit 50"
@@ -212,13 +211,13 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, replace_work, cap
         assert storage is None, "a PNG is not compressed"
         seen.update(options=options, weights=weights, scene=scene, target=target, free=free, settings=settings)
         on_phase("scanning: compiling")
-        for step in expected.history.steps:
+        for step in expected.steps:
             on_step(step)
         return expected
 
     replace_work("fit.fit", fit)
-    write_png(tmp_path / "target.png", expected.pictures.target)
-    write_png(tmp_path / "mask.png", np.ones_like(expected.pictures.target))
+    write_png(tmp_path / "target.png", expected.target)
+    write_png(tmp_path / "mask.png", np.ones_like(expected.target))
     options = ["--size", 40, 30, "--blur", 2, 0, "--max-steps", 7, "--max-seconds", 9.5, "--eta", "physical"]
     options += ["--tie", "central.radius=vitreous.radius", "--prior", "vitreous.radius=2.3+-0.01", "--sigma", 0.01]
     options += ["--uncertain", "cam1=0.1%", "--uncertain", "central.radius=0.02"]
@@ -228,7 +227,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, replace_work, cap
     assert code == (0 if status == "converged" else 3)
     assert seen["settings"] == ResolvedSettings(size=(40, 30), eta="physical")
     assert seen["scene"].materials.ior[3] == 1.5
-    np.testing.assert_allclose(encode_srgb(seen["target"]), np.floor(255 * expected.pictures.target))
+    np.testing.assert_allclose(encode_srgb(seen["target"]), np.floor(255 * expected.target))
     np.testing.assert_allclose(seen["weights"], 1)
     assert seen["free"] == ("vitreous.ior", "vitreous.radius")
     assert seen["options"] == FitOptions(
@@ -255,6 +254,6 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, replace_work, cap
         assert lines.pop().startswith("writing the report took ")
     phases = [line.split(" s  ")[1] for line in lines]
     assert phases[0] == "scanning: compiling"
-    assert len(phases) == 1 + len(expected.history.steps)
+    assert len(phases) == 1 + len(expected.steps)
     assert phases[-1].startswith("start 1  blur 0 px  step 1 (rejected)  cost 0.6  vitreous.ior 1.337")
     assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == status

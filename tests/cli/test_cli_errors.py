@@ -100,7 +100,7 @@ def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch,
 
     for work in ("render", "picture_derivatives"):
         replace_work(f"pictures.{work}", never)
-    for work in ("render.render", "fit.fit", "explain.draw_tree", "explain.make_server"):
+    for work in ("scenes.render", "fit.fit", "explain.draw_tree", "explain.make_server"):
         replace_work(work, never)
     monkeypatch.setattr("raytrace_jax.report.differences.render", never)
     monkeypatch.setenv("PATH", "")  # Without ffmpeg.
@@ -169,7 +169,7 @@ def test_a_late_failure_is_one_message(error, code, words, tmp_path, monkeypatch
     def fail(*_):
         raise error
 
-    replace_work("render.render", fail)
+    replace_work("scenes.render", fail)
     assert run("render", VITREOUS, "-o", tmp_path / "a.exr", *SMALL) == code
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.startswith("error: ") and captured.err.count("\n") == 1

@@ -81,7 +81,7 @@ def test_without_a_terminal_steps_are_lines(clock):
             progress.phase(f"scanning, {pictures} pictures")
             clock.time += 1
         progress.phase("solving from start 1")
-        for step in result.history.steps[-2:]:
+        for step in result.steps[-2:]:
             progress.step(step)
 
     every = int(SECONDS_BETWEEN) + 1  # Phases of a kind are lines now and then.
@@ -96,7 +96,7 @@ def test_without_a_terminal_steps_are_lines(clock):
 
 def everything(progress, result):
     progress.phase("scanning: compiling")
-    for step in result.history.steps:
+    for step in result.steps:
         progress.step(step)
     progress.phase("writing the report")
 
@@ -132,8 +132,9 @@ def test_unfitted_numbers_have_no_error_bars(has_steps, arguments, replace_work,
     stopped = changed(
         whole,
         uncertainty={"standard_error": unknown},
-        pictures={"estimate": None, "start": None},
-        history={} if has_steps else {"steps": ()},
+        image=None,
+        start_image=None,
+        steps=whole.steps if has_steps else (),
     )
     replace_work("fit.fit", lambda *_, **__: stopped)
     assert run(*arguments, *FREE) == 3

@@ -9,7 +9,7 @@ from posing import posed
 from scenes import assignment_scene
 
 from raytrace_jax import FitOptions, ParameterError, RenderSettings, fit
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import ResolvedSettings
 
 SMALL = RenderSettings(size=(8, 6))
 COLUMNS = np.random.default_rng([0, 2]).normal(size=(2, 3, 24, 32))
@@ -64,7 +64,8 @@ def test_options_are_told_in_one_way():
 def test_a_contradicted_prior_is_named(spread, off, is_told, sigma):
     """It is so many errors of the difference off, whether the picture or the prior is surer."""
     options = {"edges": "point", "target_sampling": "point", "search": False, "sigma": sigma}
-    value, error, _ = linear_fit(**options)["a.center.x"]
+    estimate = linear_fit(**options)["a.center.x"]
+    value, error = estimate.value, estimate.error
     mean = value - off * error * np.hypot(spread, 1)
     result = linear_fit(**options, priors={"a.center.x": (mean, spread * error)})
     assert result.status == ("model_incomplete" if is_told else "converged"), result.message
@@ -75,9 +76,9 @@ def test_a_contradicted_prior_is_named(spread, off, is_told, sigma):
 def test_an_answer_has_value_error_and_unit():
     result = linear_fit(edges="point", target_sampling="point", search=False, fit_exposure=True)
     assert list(result.parameters) == ["a.center.x", "b.center.x", "film.gain.r", "film.offset.r"]
-    for place, (value, error, unit) in enumerate(result.parameters.values()):
-        assert (value, error) == (result.value[place], result.standard_error[place])
-        assert unit == ("world unit" if place < 2 else f"unit of {result.names[place].split('.')[1]}")
+    for place, estimate in enumerate(result.parameters.values()):
+        assert (estimate.value, estimate.error) == (result.value[place], result.standard_error[place])
+        assert estimate.unit == ("world unit" if place < 2 else f"unit of {result.names[place].split('.')[1]}")
 
 
 def test_a_parameter_has_several_names():

@@ -16,7 +16,7 @@ from raytrace_jax import RenderSettings, parse_scene, read_exr, read_picture, re
 from raytrace_jax.cli import dispatch, main
 from raytrace_jax.scene.checks import scene_warnings
 from raytrace_jax.scene.table import BLOCK_TYPES
-from raytrace_jax.tracer.levels.level import MODELS
+from raytrace_jax.tracer.level import MODELS
 from raytrace_jax.tracer.shading.model import black
 
 DOCS = DATA.parent / "docs"
@@ -79,7 +79,7 @@ def test_gallery_pictures_and_commands_exist(monkeypatch):
     assert list(ENTRIES) == re.findall(r"\(images/([\w.]+)\)", page) and len(ENTRIES) >= 8
     actions = SimpleNamespace(**{f"run_{name}": lambda command: 0 for name in dispatch.COMMANDS})
     monkeypatch.setattr(dispatch, "_check_files", lambda command: None)
-    monkeypatch.setattr(dispatch.importlib, "import_module", lambda name: actions)
+    monkeypatch.setattr(dispatch.importlib, "import_module", lambda name, package: actions)
     for name, (language, text) in ENTRIES.items():
         assert (DOCS / "images" / name).is_file()
         for line in text.replace("\\\n", " ").splitlines() if language == "sh" else ():

@@ -17,8 +17,8 @@ FLOORS = ["cli", "batch", "report", "photo", "inverse exchange", "tracer", "scen
 """The packages, from the highest floor to the lowest; those on one floor do not know each other."""
 
 INNER_FLOORS = {
-    "tracer": ["levels", "shading visibility", "geometry"],
-    "inverse": ["solve", "judge", "observe", "problem"],
+    "tracer": ["shading visibility", "geometry"],
+    "inverse": ["solve", "judge", "problem"],
 }
 """The same of packages within a package; the modules beside them may lie anywhere between."""
 

@@ -10,10 +10,10 @@ from PIL import Image
 from scipy import ndimage
 
 from raytrace_jax import PictureError, jpeg_storage, read_picture
-from raytrace_jax.images.exif import TURNS
+from raytrace_jax.images.exif import upright
 from raytrace_jax.images.transfer import decode_srgb
-from raytrace_jax.inverse.judge.structure import pair_scores
-from raytrace_jax.inverse.observe.storing import Compression
+from raytrace_jax.inverse.judge.structure import distant_correlation
+from raytrace_jax.inverse.problem.noise import compressed
 
 RANDOM = np.random.default_rng(4)
 PIXELS = RANDOM.integers(0, 256, (37, 53, 3)).astype(np.uint8)
@@ -31,12 +31,12 @@ def test_a_picture_is_compressed_as_the_file(orientation, options, tmp_path):
     """Also a part of it, whatever squares it begins and ends in, but for those that it does not fill."""
     (tmp_path / "a.jpg").write_bytes(turned_jpeg(orientation, **options))
     storage, whole = jpeg_storage(tmp_path / "a.jpg"), read_picture(tmp_path / "a.jpg")
-    upright = np.moveaxis(TURNS[orientation](PIXELS), -1, 0).astype(float)
-    np.testing.assert_allclose(storage.compress(upright), whole, atol=1e-6)
+    picture = np.moveaxis(upright(PIXELS, orientation), -1, 0).astype(float)
+    np.testing.assert_allclose(storage.compress(picture), whole, atol=1e-6)
     assert storage.size == whole.shape[:0:-1]
 
     left, top, width, height = window = (2, 1, 33, 34) if orientation != 1 else (5, 3, 40, 30)
-    part = storage._replace(window=window).compress(upright[:, top : top + height, left : left + width])
+    part = storage._replace(window=window).compress(picture[:, top : top + height, left : left + width])
     assert part.shape == (3, height, width)
     off = np.abs(part - whole[:, top : top + height, left : left + width]).max(axis=0)
     unit = 8 if "subsampling" not in options else 17
@@ -74,7 +74,7 @@ def test_the_jpeg_bias_is_found_in_noise(tmp_path):
     for seed in range(4):
         noise = np.random.default_rng(seed).normal(scale=0.006, size=picture.shape)
         target = storage.compress(storage.encode(picture + noise))
-        bias = Compression(storage).apply(linear_problem(picture[None], target).observation, picture) - picture
+        bias = compressed(storage, linear_problem(picture[None], target).observation, picture) - picture
         left.append([blur_of(target - picture), blur_of(target - picture - bias)])
     before, after = np.mean(left, axis=0)
     assert before > 5e-3 and abs(after) < 0.2 * before
@@ -92,8 +92,8 @@ def test_jpeg_noise_correlates_in_its_blocks(subsampling, unit, tmp_path):
     for seed in range(4):
         noise = np.random.default_rng(seed).normal(scale=0.006, size=picture.shape)
         target = storage.compress(storage.encode(picture + noise))
-        residual = target - Compression(storage).apply(linear_problem(picture[None], target).observation, picture)
-        found.append((pair_scores(residual).far, pair_scores(residual, storage.unit).far))
+        residual = target - compressed(storage, linear_problem(picture[None], target).observation, picture)
+        found.append((distant_correlation(residual), distant_correlation(residual, storage.unit)))
     usual, own = np.array(found).T
     assert unit == 16 or np.min(usual) > 3, "the case is worth testing"
     assert np.max(np.abs(own)) < 3

@@ -15,8 +15,16 @@ from scipy.optimize import lsq_linear
 from raytrace_jax import RenderSettings
 from raytrace_jax.inverse.problem.problem import FitState
 from raytrace_jax.inverse.problem.unknowns import Transform
-from raytrace_jax.inverse.solve.solvers import GaussNewton, LevenbergMarquardt, levenberg_marquardt, minimise
-from raytrace_jax.inverse.solve.steps import Recorder, bounds_reached, is_possible, shorten_step
+from raytrace_jax.inverse.progress import Progress
+from raytrace_jax.inverse.solve.solvers import (
+    GaussNewton,
+    LevenbergMarquardt,
+    bounds_reached,
+    is_possible,
+    levenberg_marquardt,
+    minimise,
+    shorten_step,
+)
 
 EXACT = LevenbergMarquardt(relative=1e-10, decrease=1e-12)
 TRANSFORMS = (Transform(0.0), Transform(0.0, 1.0), Transform())
@@ -55,7 +63,9 @@ def test_bounded_least_squares_are_solved(truth, reached, start):
 def test_a_bounded_answer_keeps_its_error():
     noise = white()
     problem, state = solved(np.array([0, 0.5, 0.7]), np.array([0.3, 0.3, 0.0]), noise)
-    ended = minimise(GaussNewton(), state, lambda y: FitState.at(problem, y, state.stage), Recorder(problem).step)
+    ended = minimise(
+        GaussNewton(), state, lambda y: FitState.at(problem, y, state.stage), Progress(problem).of_level(0, 0)
+    )
     assert ended.settled and np.all(np.isfinite(ended.y))
     np.testing.assert_allclose(problem.values(ended.y), best(np.array([0, 0.5, 0.7]), noise), atol=2e-6)
 

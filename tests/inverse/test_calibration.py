@@ -65,8 +65,8 @@ def test_answers_ignore_the_unit_of_light(sampling):
         np.testing.assert_allclose(found.value, usual.value, atol=1e-3 * usual.total_error.min())
         np.testing.assert_allclose(found.total_error, usual.total_error, rtol=1e-3)
         np.testing.assert_allclose(found.uncertainty.sigma, unit * usual.uncertainty.sigma, rtol=1e-3)
-        np.testing.assert_allclose(found.pictures.weights, weight)
-        assert found.history.steps[0].cost == pytest.approx(unit**2 * usual.history.steps[0].cost, rel=1e-6)
+        np.testing.assert_allclose(found.weights, weight)
+        assert found.steps[0].cost == pytest.approx(unit**2 * usual.steps[0].cost, rel=1e-6)
 
 
 @pytest.mark.slow

@@ -24,7 +24,6 @@ from raytrace_jax.inverse.solve.candidates import (
     size,
     table,
     unseen_balls,
-    with_open,
 )
 from raytrace_jax.tracer.geometry.camera import ray
 
@@ -160,5 +159,5 @@ def solution(index, shown, free=FREE):
 def test_an_unseen_ball_is_open(index, shown, free, unseen):
     found = solution(index, shown, free)
     assert unseen_balls(found) == unseen
-    sure = with_open(quantify_uncertainty(found, None), free, free[:2])
+    sure = quantify_uncertainty(found, None).opened(free, free[:2])
     assert sure.undetermined[:2] == free[:2] and np.all(np.isinf(sure.standard_error[:2]))

@@ -44,7 +44,7 @@ def test_a_channel_without_weight_moves_nothing():
     )
     assert result["crown.ior"].value == pytest.approx(1.52, abs=1e-4)
     assert result.status == "converged" and result.uncertainty.sigma == pytest.approx(0.002, rel=0.15)
-    np.testing.assert_array_equal(result.pictures.weights, weight)
+    np.testing.assert_array_equal(result.weights, weight)
 
 
 def test_a_residual_is_weighted_per_channel():

@@ -10,12 +10,11 @@ from posing import posed_problem
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
-from raytrace_jax.inverse.observe.resampled import resampled
-from raytrace_jax.inverse.observe.sampling import Sampling, sampled
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem.problem import FitState
+from raytrace_jax.inverse.problem.sampling import resampled
+from raytrace_jax.inverse.progress import Progress
 from raytrace_jax.inverse.solve.refine import settle
-from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.tracer import batches
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.pixels import pixel_colors
@@ -86,7 +85,8 @@ def test_the_edge_aware_bias_is_found():
 
 def test_an_exact_picture_has_no_bias():
     columns = np.random.default_rng(0).normal(size=(2, 3, 12, 16))
-    problem = sampled(linear_problem(columns, columns[0], start=np.array([0.99, 0.02])), Sampling())
-    found = settle(problem, FitState.at(problem, problem.start(), AWARE), Recorder(problem))
+    problem = linear_problem(columns, columns[0], start=np.array([0.99, 0.02]))
+    problem, progress = dataclasses.replace(problem, samples=None), Progress(problem)
+    found = settle(problem, FitState.at(problem, problem.start(), AWARE), progress, progress.of_level(0, 0))
     np.testing.assert_allclose(found.problem.observation.bias, 0, atol=1e-12)
     np.testing.assert_allclose(problem.values(found.y), [1, 0], atol=1e-12)

@@ -15,7 +15,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import FitOptions, RenderSettings, fit, render, set_parameters
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.inverse.observe.sampling import detect_sampling
+from raytrace_jax.inverse.problem.detect import detect_sampling
 from raytrace_jax.inverse.problem.unknowns import Transform
 from raytrace_jax.scene.parameters import resolve
 
@@ -93,7 +93,7 @@ def test_a_point_target_is_met_to_rounding(which, request):
     assert result.status == "converged", result.message
     np.testing.assert_allclose(result.value, ANSWER, atol=1e-7)
     assert result.settings.edges == "point"
-    assert steps == result.history.steps
+    assert steps == result.steps
     assert which == "met_nearby" or list(result.initial) == [1.337, 4.3, 2.3, -1]
     assert np.all(np.isfinite(result.standard_error))
 

@@ -44,7 +44,7 @@ def test_a_tied_parameter_follows_its_leader(clean, truth):
     assert np.all(np.abs(result.value - ANSWER) < 4 * result.standard_error)
     assert result.uncertainty.sigma == pytest.approx(SIGMA, rel=0.1) and not result.uncertainty.sigma_given
     assert np.isnan(result.uncertainty.reduced_chi_square)
-    assert result.given.ties == tuple((f"red.diffuse.{c}", f"yellow.diffuse.{c}") for c in "rgb")
+    assert result.ties == tuple((f"red.diffuse.{c}", f"yellow.diffuse.{c}") for c in "rgb")
 
 
 def test_a_prior_pulls_by_its_precision(clean, truth):
@@ -55,7 +55,7 @@ def test_a_prior_pulls_by_its_precision(clean, truth):
     result = solve(noisy(clean), truth, sigma=SIGMA, priors={"yellow.diffuse.r": (mean, error)})
     assert result.value[1] - free.value[1] == pytest.approx(error, rel=0.15)
     assert result.standard_error[1] == pytest.approx(error / np.sqrt(2), rel=0.15)
-    assert result.given.priors == (("yellow.diffuse.r", mean, error),)
+    assert result.priors == (("yellow.diffuse.r", mean, error),)
 
 
 STRIP = """
@@ -78,8 +78,8 @@ def test_two_alike_places_are_ambiguous():
     start = set_parameters(scene, {"ball.center.x": 4.3})
     noise = np.random.default_rng(2).normal(0, 0.01, target.shape)
     result = fit(start, target + noise, ["ball.center.x"], weights=slit, options=FitOptions(target_sampling="box"))
-    assert result.status == "ambiguous", (result.message, result.value, result.history.runner_ups)
-    found = sorted([float(result.value[0]), *(float(minimum.value[0]) for minimum in result.history.runner_ups)])
+    assert result.status == "ambiguous", (result.message, result.value, result.runner_ups)
+    found = sorted([float(result.value[0]), *(float(minimum.value[0]) for minimum in result.runner_ups)])
     np.testing.assert_allclose(found, [3.4, 4.6], atol=0.03)
     assert "runner-ups" in result.advice
     # The whole picture decides.
@@ -106,5 +106,5 @@ def test_the_fit_of_a_scaled_scene_is_scaled(factor):
         result = fit(scaled_scene(scene, size), target, free, settings, options=options, weights=weights)
         assert result.status == "converged", result.message
         np.testing.assert_allclose(result.value / [1, size, size, size], answer, atol=1e-7)
-        found.append([step.cost for step in result.history.steps][:4])
+        found.append([step.cost for step in result.steps][:4])
     np.testing.assert_allclose(found[1], found[0], rtol=1e-3)

@@ -6,15 +6,15 @@ import pytest
 from linear_fit import linear_problem
 from linear_pictures import POINT, state_at
 
-from raytrace_jax.inverse.solve.solvers import GaussNewton, minimise, move_in_errors
-from raytrace_jax.inverse.solve.steps import Recorder
+from raytrace_jax.inverse.progress import Progress
+from raytrace_jax.inverse.solve.solvers import GaussNewton, minimise, step_in_errors
 
 COLUMNS = np.random.default_rng(1).normal(size=(3, 3, 24, 32))
 
 
 def move(columns, target):
     problem = linear_problem(columns, target)
-    return move_in_errors(problem.linearize(problem.start(), POINT))
+    return step_in_errors(problem.linearize(problem.start(), POINT))
 
 
 @pytest.mark.slow
@@ -49,7 +49,7 @@ def to_and_fro(apart):
         seen.append(y)
         return state_at(problems[len(seen) % 2], y)
 
-    ended = minimise(GaussNewton(), state_at(problems[0]), look, Recorder(problems[0]).step)
+    ended = minimise(GaussNewton(), state_at(problems[0]), look, Progress(problems[0]).of_level(0, 0))
     return ended, len(seen), truth, far
 
 
@@ -68,11 +68,10 @@ def test_a_far_answer_is_not_settled():
 
 def test_steps_are_counted_by_level():
     columns, steps, phases = np.random.default_rng(0).normal(size=(2, 3, 4, 4)), [], []
-    recorder = Recorder(linear_problem(columns, columns[0]), steps.append, phases.append)
-    recorder.phase("solving")
+    progress = Progress(linear_problem(columns, columns[0]), steps.append, phases.append)
+    progress.phase("solving")
     for candidate, level in [(0, 1), (0, 1), (0, 0), (1, 1)]:
-        recorder.begin(candidate, level, 2.0, leads=candidate == 0)
-        recorder.step(1.0, True, jnp.asarray([candidate, 1 / 3]))
-    np.testing.assert_array_equal(recorder.findings.answer, [0, 1 / 3])
+        progress.of_level(candidate, level, 2.0, leads=candidate == 0)(1.0, True, jnp.asarray([candidate, 1 / 3]))
+    np.testing.assert_array_equal(progress.findings.answer, [0, 1 / 3])
     assert [(step.step, step.blur) for step in steps] == [(0, 2.0), (1, 2.0), (0, 2.0), (0, 2.0)]
-    assert phases == ["solving"] and steps == recorder.history
+    assert phases == ["solving"] and tuple(steps) == progress.findings.steps

@@ -11,8 +11,8 @@ from linear_fit import PROGRAMS, linear_names, linear_problem
 from scipy import ndimage
 
 from raytrace_jax import FitOptions, fit
-from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.report.fit_report.folder import TEXTS
+from raytrace_jax.util.background import Clock
 
 SIZE = (30, 40)
 TRUTH = np.array([0.3, -0.2])
@@ -68,20 +68,20 @@ PHASES = ["scanning: compiling", "scanning, ", "solving from start 1", "solving 
 def test_stopped_early_it_has_only_values(begin, calls, tmp_path):
     result, seen = stopped_fit(calls, phase=lambda words: words.startswith(begin))
     assert seen == [len(calls)]
-    assert result.status == "interrupted" and ("without error bars" in result.message or not result.history.steps)
+    assert result.status == "interrupted" and ("without error bars" in result.message or not result.steps)
     assert np.all(np.isfinite(result.value))
     sure = result.uncertainty
-    for unknown in (sure.standard_error, sure.cramer_rao, sure.correlation, sure.sigma, result.pictures.rms_residual):
+    for unknown in (sure.standard_error, sure.cramer_rao, sure.correlation, sure.sigma, result.rms_residual):
         assert np.all(np.isnan(unknown))
-    assert result.pictures.estimate is None and result.pictures.start is None
+    assert result.image is None and result.start_image is None
     assert np.isnan(result.parameters["a.center.x"].error)
 
 
 def test_stopped_in_a_level_it_has_its_step(calls):
     result, seen = stopped_fit(calls, step=lambda step: step.level == 3)
     assert seen == [len(calls)]
-    np.testing.assert_array_equal(result.value, result.history.steps[-1].value)
-    assert result.pictures.estimate is None
+    np.testing.assert_array_equal(result.value, result.steps[-1].value)
+    assert result.image is None
 
 
 def test_stopped_late_it_keeps_the_solution(calls):
@@ -90,19 +90,19 @@ def test_stopped_late_it_keeps_the_solution(calls):
     assert result.status == "interrupted" and "came to rest, but the model was not checked" in result.message
     np.testing.assert_allclose(result.value, TRUTH, atol=5e-3)
     assert np.all(result.standard_error > 0) and np.all(np.isfinite(result.uncertainty.correlation))
-    np.testing.assert_allclose(result.pictures.estimate, result.pictures.target, atol=0.1)
-    assert result.pictures.start.shape == result.pictures.estimate.shape and result.profiles == ()
+    np.testing.assert_allclose(result.image, result.target, atol=0.1)
+    assert result.start_image.shape == result.image.shape and result.profiles == ()
 
 
 @pytest.mark.parametrize("by_clock", [True, False])
 def test_stopped_in_the_check_it_says_so(by_clock, calls, monkeypatch):
     """The time ends, or Ctrl-C comes, while the check renders; it renders nothing more."""
-    checking, rendered, points, stop = [], [], PROGRAMS["points"], Recorder.check_clock
+    checking, rendered, points, stop = [], [], PROGRAMS["points"], Clock.check
 
-    def end(recorder):
-        if rendered and not recorder.is_stopped:
+    def end(clock):
+        if rendered and not clock.is_stopped:
             raise TimeoutError if by_clock else KeyboardInterrupt
-        stop(recorder)
+        stop(clock)
 
     def phase(words):
         checking.extend([words] if words == "checking the model" else [])
@@ -112,7 +112,7 @@ def test_stopped_in_the_check_it_says_so(by_clock, calls, monkeypatch):
         rendered.extend(checking)
         return points(scenes, *arguments)
 
-    monkeypatch.setattr(Recorder, "check_clock", end)
+    monkeypatch.setattr(Clock, "check", end)
     monkeypatch.setitem(PROGRAMS, "points", watched)
     result, _ = stopped_fit(calls, phase=phase, max_seconds=100.0)
     assert len(rendered) == 1, "and nothing after it"
@@ -158,7 +158,7 @@ def test_uninterruptible_work_is_left_behind(by_clock, calls, monkeypatch):
     assert phases == ["scanning: compiling", "stopping ..."]
     reason = "stopped after 0.3 seconds" if by_clock else "interrupted by the user"
     assert result.status == "interrupted" and result.message == f"{reason}, before the first step: nothing was fitted"
-    assert np.all(np.isnan(result.standard_error)) and not result.history.steps
+    assert np.all(np.isnan(result.standard_error)) and not result.steps
     for thread in set(threading.enumerate()) - threads:
         thread.join(10)
 

@@ -21,7 +21,7 @@ from raytrace_jax.images.pictures import read_origin
 from raytrace_jax.images.png import png_chunk
 from raytrace_jax.inverse.problem.fixed import with_known_offsets
 from raytrace_jax.report.films import how_made
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.settings import resolve_settings
 
 LIGHT = np.random.default_rng(0).uniform(0.1, 0.9, (3, 4, 6)).astype(np.float32)
 MITSUBA = "Mitsuba version 3.9.1"

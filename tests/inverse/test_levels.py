@@ -6,12 +6,14 @@ from linear_fit import linear_problem
 from posing import posed_problem
 from scipy import ndimage
 
-from raytrace_jax import set_parameters
-from raytrace_jax.inverse.solve.search import Levels, find_minima
-from raytrace_jax.inverse.solve.steps import Recorder
+from raytrace_jax import FitOptions, set_parameters
+from raytrace_jax.inverse.options import Stage
+from raytrace_jax.inverse.progress import Progress
+from raytrace_jax.inverse.solve.search import find_minima
 
 SIZE = (48, 64)
 TRUTH = 0.5
+LEVELS = (*(Stage("point", blur, 2) for blur in (8.0, 4.0, 2.0)), Stage("point"))
 TIES = {f"film.{name}.{channel}": f"film.{name}.r" for name in ("gain", "offset") for channel in "gb"}
 FREE = ["a.center.x", "film.gain.r", "film.offset.r", "film.blur"]
 
@@ -29,9 +31,9 @@ def searched(seed, film):
     linear = linear_problem(np.stack([change, light]), target, start=[TRUTH, 1.0])
     scene = set_parameters(linear.scene, film)
     problem = posed_problem(scene, target, FREE, linear.base, edges="point", ties=TIES)
-    recorder = Recorder(problem)
-    (best,) = find_minima(problem, Levels(1, (8.0, 4.0, 2.0, 0.0)), "point", False, recorder)
-    return recorder.history, best.summary.value
+    progress = Progress(problem)
+    (best,) = find_minima(problem, LEVELS, FitOptions(search=False, edges="point"), progress)
+    return progress.findings.steps, best.summary.value
 
 
 @pytest.mark.parametrize("gain", [0.9, 1.0])

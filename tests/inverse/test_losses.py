@@ -13,7 +13,7 @@ from linear_pictures import state_at
 
 from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem.linearize import LOSSES
-from raytrace_jax.inverse.solve.solvers import gauss_newton_step, promised_decrease, step_to_minimum
+from raytrace_jax.inverse.solve.solvers import gauss_newton_step, predicted_decrease, step_to_minimum
 
 NAMES = sorted(LOSSES)
 DEFINITIONS = {"l2": lambda r, s: r**2 / 2, "cauchy": lambda r, s: s**2 / 2 * np.log1p((r / s) ** 2)}
@@ -108,5 +108,5 @@ def test_one_step_ends_at_the_minimum_of_noise(name, priors):
     near = state_at(problem, problem.array([3.05, -2.02]), stage)
     there = near.y + step_to_minimum(near, near.linearization)
     end = state_at(problem, there, stage)
-    assert promised_decrease(end.linearization) < 1e-6 * promised_decrease(near.linearization)
+    assert predicted_decrease(end.linearization) < 1e-6 * predicted_decrease(near.linearization)
     assert end.linearization.cost <= near.linearization.cost

@@ -13,20 +13,19 @@ from scenes import assignment_scene
 from scipy import ndimage
 
 from raytrace_jax import RenderSettings
-from raytrace_jax.inverse.judge.candidate_causes import (
+from raytrace_jax.inverse.judge.columns import pixels_to_check
+from raytrace_jax.inverse.judge.model_check import beyond, check_model, expected_error
+from raytrace_jax.inverse.judge.score_test import (
     SIGNIFICANT,
-    CandidateCause,
+    Hypothesis,
     Rows,
-    film_candidates,
     find_causes,
     fitted,
+    response_hypotheses,
 )
-from raytrace_jax.inverse.judge.changes import pixels_to_check
-from raytrace_jax.inverse.judge.model_check import beyond, check_model, expected_error
-from raytrace_jax.inverse.judge.structure import pair_scores
+from raytrace_jax.inverse.judge.structure import distant_correlation
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
-from raytrace_jax.inverse.observe.noise import correlated_scatter, leverage_correction
-from raytrace_jax.inverse.observe.sampling import Sampling, sampled
+from raytrace_jax.inverse.problem.noise import correlated_scatter, leverage_correction, sample_jump
 from raytrace_jax.scene.schema import Attribute, Quantity
 
 FREE = 2
@@ -103,7 +102,7 @@ def test_a_change_below_a_step_is_no_cause(steps, is_named):
     residual = amount * change[0] + 0.2 * white().reshape(-1) * amount
     limit = np.full(residual.shape, step)
     rows = Rows(residual, residual, np.ones_like(residual), np.arange(residual.size) // 48, limit)
-    candidates = [CandidateCause(C, 0.0, 0.0, ANYWHERE, change[0])]
+    candidates = [Hypothesis(C, 0.0, 0.0, ANYWHERE, change[0])]
     causes, structure = find_causes(rows, ROWS.T, ROWS.T, candidates, np.ones(FREE))
     assert [cause.name for cause in causes] == [C] * is_named
     shift = np.linalg.lstsq(ROWS, amount * change[0], rcond=None)[0]
@@ -128,7 +127,7 @@ def of_two(changed, seed):
     estimate = np.linalg.lstsq(free.T, target, rcond=None)[0]
     rows = Rows(*[estimate @ free - target] * 2, np.ones(640), np.arange(640) // 16, np.zeros(640))
     candidates = [
-        CandidateCause(name, 1.0, 1.0, ANYWHERE, change, linear=0.1)
+        Hypothesis(name, 1.0, 1.0, ANYWHERE, change, linear=0.1)
         for name, change in zip(("apart", "alike"), changes, strict=True)
     ]
     found, structure = find_causes(rows, free, free, candidates, np.ones(2))
@@ -137,8 +136,8 @@ def of_two(changed, seed):
 
 def film_changes(problem, light):
     """What a unit of each of the film's numbers does to a picture all of whose pixels are sampled, by name."""
-    found = film_candidates(pixels_to_check(problem, problem.start(), POINT), light)
-    return {one.name: one.change for one in found}
+    found = response_hypotheses(pixels_to_check(state_at(problem)), light)
+    return {each.name: each.column for each in found}
 
 
 @pytest.mark.parametrize("changed", [0, 1])
@@ -230,7 +229,7 @@ def test_unexplained_structure_is_structure():
     rows, columns = np.mgrid[: COLUMNS.shape[2], : COLUMNS.shape[3]]
     stripes = np.broadcast_to(np.sign(np.sin(rows / 5) * np.sin(columns / 7)), COLUMNS.shape[1:])
     _, _, found = checked(picture(TRUTH) + white() + 2 * SIGMA * stripes)
-    assert found.is_structured and found.pairs.far > 3
+    assert found.is_structured and found.distant_correlation > 3
 
 
 def test_roundings_are_no_structure():
@@ -247,7 +246,7 @@ def test_what_storing_did_is_no_structure():
     columns[:FREE, :, :, :70] = 0
     target = target.astype(np.float32).astype(np.float64)
     problem = linear_problem(columns, target, free=FREE, start=TRUTH)
-    assert pair_scores(state_at(problem).residual).far > 3, "the case is worth testing"
+    assert distant_correlation(state_at(problem).residual) > 3, "the case is worth testing"
     assert not check_model(state_at(problem), np.ones(FREE), {}).is_structured
 
 
@@ -275,20 +274,20 @@ def test_rounded_samples_are_no_structure():
         state = state_at(problem)
         # The last two are means of samples, the latter on no grid that was told.
         of_grid, of_any = (
-            dataclasses.replace(state, problem=sampled(problem, Sampling(samples))) for samples in (8, None)
+            dataclasses.replace(state, problem=dataclasses.replace(problem, samples=samples)) for samples in (8, None)
         )
         for one, expected in ((of_grid, is_structured), (of_any, is_structured), (state, True)):
             assert check_model(one, np.ones(FREE), {}).is_structured == expected
 
 
 def test_white_noise_pairs_score_about_one():
-    scores = np.array([pair_scores(white(seed)) for seed in range(60)])
-    assert np.all(np.abs(scores.mean(axis=0)) < 0.5) and np.all(np.abs(scores.std(axis=0) - 1) < 0.35)
+    scores = np.array([distant_correlation(white(seed)) for seed in range(60)])
+    assert abs(scores.mean()) < 0.5 and abs(scores.std() - 1) < 0.35
 
 
-def test_correlated_pixels_are_near_pairs():
+def test_correlated_neighbours_are_no_distant_pairs():
     blurred = ndimage.gaussian_filter(white(3), (0, 0.8, 0.8))
-    assert pair_scores(blurred).near > 4 and abs(pair_scores(blurred).far) < 3
+    assert abs(distant_correlation(blurred)) < 3 < distant_correlation(ndimage.gaussian_filter(white(3), (0, 6, 6)))
 
 
 @pytest.mark.parametrize("blur", [0.0, 0.5, 1.0])
@@ -318,11 +317,13 @@ def test_gray_noise_counts_as_one_channel():
 @pytest.mark.parametrize(("flips", "samples", "may_be"), [(1.9, 8, True), (2.1, 8, False), (1.9, None, False)])
 def test_single_edge_samples_prove_nothing(flips, samples, may_be):
     target = picture(TRUTH)
-    observed = linear_problem(COLUMNS, target, free=FREE, start=TRUTH).observation
+    state = state_at(linear_problem(COLUMNS, target, free=FREE, start=TRUTH))
+    problem = dataclasses.replace(state.problem, samples=samples)
+    state = dataclasses.replace(state, problem=problem, confusion=np.zeros((FREE, FREE)))
     evidence = np.zeros_like(target)
     evidence[1, 20, 30] = -flips * np.ptp(target) / 64
-    jump = np.array(Sampling(samples, np.zeros((FREE, FREE))).jump(observed))
-    assert beyond(observed, evidence, np.ones_like(target), jump).any() != may_be
+    jump = np.array(sample_jump(state))
+    assert beyond(problem.observation, evidence, np.ones_like(target), jump).any() != may_be
 
 
 PIXELS = 30

@@ -14,9 +14,9 @@ from raytrace_jax.images.masks import bad_pixels, blackened, mask_in_words
 from raytrace_jax.inverse.judge.structure import explains
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.problem import FitState, Problem
+from raytrace_jax.inverse.progress import Progress
 from raytrace_jax.inverse.solve.search import choose_levels, find_minima
 from raytrace_jax.inverse.solve.solvers import GaussNewton, LevenbergMarquardt, minimise
-from raytrace_jax.inverse.solve.steps import Recorder
 
 EXACT = LevenbergMarquardt(relative=1e-10, decrease=1e-12, rejected=8)
 COLUMNS = np.random.default_rng(5).normal(size=(2, 3, 12, 16))
@@ -84,20 +84,21 @@ def test_gauss_newton_stops_at_broken_places(monkeypatch):
     problem = problem_from([0.0, 0.0])
     solution = state_at(problem)
     break_where(monkeypatch, lambda y: y[0] > 0.01)
-    recorder = Recorder(problem)
+    progress = Progress(problem)
     # The truth is within the reach of one step in natural scales only if these are large: take the step.
     problem.__dict__["scale"] = np.full(2, 100.0)
     with pytest.warns(RaytraceWarning, match="not finite"):
-        ended = minimise(GaussNewton(), solution, lambda y: state_at(problem, y), recorder.step)
+        ended = minimise(GaussNewton(), solution, lambda y: state_at(problem, y), progress.of_level(0, 0))
     assert not ended.settled and ended.linearization.is_finite
     np.testing.assert_array_equal(ended.y, problem.start())
-    assert [step.accepted for step in recorder.history] == [False]
+    assert [step.accepted for step in progress.findings.steps] == [False]
 
 
 def minima_of(problem, monkeypatch, starts):
     monkeypatch.setattr("raytrace_jax.inverse.solve.search.find_starts", lambda *_: list(map(np.asarray, starts)))
-    recorder = Recorder(problem)
-    return find_minima(problem, choose_levels(problem, FitOptions(blur=(0.0,))), "point", True, recorder)
+    progress = Progress(problem)
+    options = FitOptions(blur=(0.0,), edges="point")
+    return find_minima(problem, choose_levels(problem, options), options, progress)
 
 
 def test_a_broken_start_is_left_out(monkeypatch):

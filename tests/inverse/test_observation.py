@@ -14,7 +14,7 @@ from raytrace_jax.inverse.build_problem import asked_for
 from raytrace_jax.inverse.problem.fixed import root_covariance, stated_uncertainties
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.unknowns import Transform, Unknowns, make_prior, make_unknowns, natural_scale, spelled
-from raytrace_jax.scene.parameters import with_film
+from raytrace_jax.scene.parameters import with_response
 
 SIZE = (7, 5)
 HEIGHT, WIDTH = SIZE[::-1]
@@ -242,7 +242,7 @@ def test_film_and_scene_cannot_be_tied():
 )
 def test_natural_scales(name, expected):
     scene = set_parameters(assignment_scene(), {"blue.ior": 0.75, "red.ior": 1.0})
-    assert natural_scale(with_film(scene, [name]), name) == pytest.approx(expected)
+    assert natural_scale(with_response(scene, [name]), name) == pytest.approx(expected)
 
 
 NAMES = Unknowns(("ball.ior", "ball.radius"), (Transform(1.0), Transform(0.0)))

@@ -27,7 +27,7 @@ from raytrace_jax.cli.actions.fit import read_target, seen_part, with_angle_of_v
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.images.masks import clipped_pixels
 from raytrace_jax.scene.structs import USUAL_FOV
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.settings import resolve_settings
 
 LIGHT = np.random.default_rng(0).uniform(0.1, 0.9, (3, 12, 16))
 SATURATED, BLACK = (0, 3, 4), (1, 7, 9)

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from linear_pictures import POINT
+from linear_pictures import POINT, state_at
 from posing import posed_problem
 from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, picture_derivatives, render, set_parameters
-from raytrace_jax.inverse.judge.changes import (
+from raytrace_jax.inverse.judge.columns import (
     SampledPicture,
     draw_sample,
+    free_columns,
     margin_at,
-    number_changes,
-    parameter_changes,
+    number_columns,
 )
 from raytrace_jax.inverse.problem.fixed import fixed_numbers, number_size
 from raytrace_jax.inverse.solve.search import best_films
@@ -43,7 +43,12 @@ def sample_of(counts, weight=None, most=10_000):
 
 
 def pixels_of(problem, edges, counts=WEIGHTS > 0):
-    return SampledPicture(problem, problem.start(), sample_of(counts), edges)
+    state = state_at(problem, stage=dataclasses.replace(POINT, edges=edges))
+    return SampledPicture(state, sample_of(counts))
+
+
+def columns_of(pixels, numbers):
+    return number_columns(pixels, {name: (number,) for name, number in numbers.items()})
 
 
 def relative(found, wanted):
@@ -56,7 +61,7 @@ def test_differences_are_the_derivatives(edges, error):
     """Footprints are held in derivatives of edge-aware pictures and move in differences; and at a rim a pixel bends."""
     problem = problem_of(["vitreous.ior", "vitreous.center.x", "vitreous.alpha"], fit_exposure=True)
     pixels = pixels_of(problem, edges)
-    found = parameter_changes(pixels)
+    found = free_columns(pixels)
     linearization = problem.linearize(problem.start(), dataclasses.replace(POINT, edges=edges))
     wanted = np.asarray(linearization.pixel_jacobian) / problem.slopes(problem.start())[:, None, None, None]
     for one, other in zip(found, pixels.traced.of(wanted), strict=True):
@@ -70,9 +75,9 @@ def test_fixed_numbers_change_as_free_ones(edges):
     names = ["vitreous.radius", "topright.location.y", "cyan.diffuse.g", "cyan.alpha", "cam1.viewpoint.z"]
     problem = problem_of(["vitreous.ior"])
     numbers = fixed_numbers(problem)
-    found = dict(zip(numbers, number_changes(pixels_of(problem, edges), numbers), strict=True))
+    found = dict(zip(numbers, columns_of(pixels_of(problem, edges), numbers), strict=True))
     free = problem_of(names)
-    wanted = parameter_changes(pixels_of(free, edges))
+    wanted = free_columns(pixels_of(free, edges))
     # Of a colour points stand for edges.
     for name, column in zip(names, wanted, strict=True):
         assert relative(found[name], column) < (0.06 if edges == "aware" and "diffuse" in name else 1e-3), name
@@ -98,7 +103,7 @@ def test_a_number_at_its_limit_moves_inward():
     numbers = fixed_numbers(problem)
     (place,) = [k for k, name in enumerate(numbers) if name == "cyan.alpha"]
     pixels = pixels_of(problem, "point", np.ones((30, 40), bool))
-    found = number_changes(pixels, numbers)[place].reshape(3, 30, 40)
+    found = columns_of(pixels, numbers)[place].reshape(3, 30, 40)
     # Points are compared with points: without `edges` a derivative is that of areas, 18 % off for edges in the glass.
     points = dataclasses.replace(SETTINGS, edges="point")
     wanted = np.asarray(picture_derivatives(scene, ["vitreous.alpha"], points).values[0])
@@ -113,11 +118,11 @@ def test_changes_are_those_after_the_film(free):
     scene = set_parameters(SCENE, {"film.blur": 0.7, "film.gain": (0.9, 1.1, 1)} if "film.blur" in free else {})
     target = np.asarray(render(scene, SETTINGS).image) + 0.01 * np.random.default_rng(0).normal(size=(3, 30, 40))
     problem = posed_problem(scene, target, ["vitreous.ior", "vitreous.radius", *free], SETTINGS, WEIGHTS)
-    margin = margin_at(problem, problem.start())
+    margin = margin_at(state_at(problem))
     assert margin == (3 if "film.blur" in free else 0)
     pixels = pixels_of(problem, "point", np.ones((30, 40), bool))
     assert len(pixels.sampled.row) < len(pixels.traced.row) and np.all(pixels.sampled.of(WEIGHTS) > 0)
-    found = parameter_changes(pixels)
+    found = free_columns(pixels)
     linearization = problem.linearize(problem.start(), POINT)
     wanted = np.asarray(linearization.pixel_jacobian) / problem.slopes(problem.start())[:, None, None, None]
     for name, one, other in zip(problem.unknowns.names, found, pixels.sampled.of(wanted), strict=True):
@@ -126,9 +131,9 @@ def test_changes_are_those_after_the_film(free):
     numbers = fixed_numbers(problem)
     assert not any(name.startswith("film") for name in numbers)
     place = list(numbers).index("topright.location.y")
-    by_number = number_changes(pixels, numbers)[place]
+    by_number = columns_of(pixels, numbers)[place]
     other = posed_problem(scene, target, ["topright.location.y", *free], SETTINGS, WEIGHTS)
-    assert relative(by_number, parameter_changes(dataclasses.replace(pixels, problem=other, y=other.start()))[0]) < 1e-3
+    assert relative(by_number, free_columns(dataclasses.replace(pixels, state=state_at(other)))[0]) < 1e-3
 
 
 @pytest.mark.slow
@@ -158,7 +163,7 @@ def test_a_small_picture_is_sampled_whole():
     np.add.at(seen, (sample.row, sample.column), 1)
     np.testing.assert_array_equal(seen, counts)
     assert np.all(sample.probability == 1)
-    np.testing.assert_array_equal(sample.square, sample.row // SIDE * 3 + sample.column // SIDE)
+    np.testing.assert_array_equal(sample.block, sample.row // SIDE * 3 + sample.column // SIDE)
     np.testing.assert_array_equal(sample.of(np.arange(63).reshape(7, 9)), np.flatnonzero(counts))
 
 

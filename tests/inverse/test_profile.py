@@ -7,9 +7,9 @@ from linear_pictures import COLUMNS, ROWS, SIGMA, TRUTH, state_at
 
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import Stage
+from raytrace_jax.inverse.progress import Progress
 from raytrace_jax.inverse.result import PROFILE_95
-from raytrace_jax.inverse.solve.profile import find_profile, interval
-from raytrace_jax.inverse.solve.steps import Recorder
+from raytrace_jax.inverse.solve.refine import find_profile, interval
 
 
 def drawn(place, columns=COLUMNS, priors=None):
@@ -26,7 +26,7 @@ def drawn(place, columns=COLUMNS, priors=None):
     stage, y = Stage("point", noise=SIGMA), problem.array(best)
     solution = state_at(problem, y, stage)
     sure = quantify_uncertainty(solution, SIGMA)
-    return find_profile(solution, place, sure, 30, Recorder(problem)), best, sure
+    return find_profile(solution, place, sure, 30, Progress(problem)), best, sure
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])

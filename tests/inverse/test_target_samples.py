@@ -1,5 +1,7 @@
 """Of how many samples a target's pixels are the mean: told from the target, used for its correction, and as noise."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from linear_pictures import state_at
@@ -8,23 +10,15 @@ from scenes import assignment_scene
 
 from raytrace_jax import FitOptions, RenderSettings, fit
 from raytrace_jax.inverse.judge.structure import block_scatter
-from raytrace_jax.inverse.observe.resampled import resampled
-from raytrace_jax.inverse.observe.sampling import (
-    LATTICES,
-    Sampling,
-    detect_samples,
-    lattice_offsets,
-    point_sampled,
-    sampled,
-    samples_of,
-)
 from raytrace_jax.inverse.options import Stage
+from raytrace_jax.inverse.problem.detect import detect_samples
+from raytrace_jax.inverse.problem.sampling import LATTICES, lattice_offsets, point_sampled, resampled
+from raytrace_jax.inverse.progress import Progress
 from raytrace_jax.inverse.solve.refine import settle
-from raytrace_jax.inverse.solve.steps import Recorder
 from raytrace_jax.inverse.status import shows_noise
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import pixel_colors, sample_offsets
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import ResolvedSettings
 
 SMALL = ResolvedSettings(size=(48, 36), max_bounces=2)
 AWARE = Stage("aware")
@@ -43,17 +37,23 @@ def problem():
 def told(problem, target, off=0.0):
     """The samples that are told of a target, at an index that is a little off."""
     one, y = posed(target), problem.start() + off
-    return detect_samples(one, y, point_sampled(one, y, 2), one.linearize(y, AWARE))
+    return detect_samples(state_at(one, y, AWARE), point_sampled(one, y, 2)[1])
+
+
+def settled(problem, begun, **options):
+    """The end of the steps on the target's own samples."""
+    progress = Progress(problem)
+    return settle(problem, begun, progress, progress.of_level(0, 0), **options)
 
 
 def jittered(problem, count):
     """Means of random samples, others in every pixel."""
     random = np.random.default_rng(3)
-    column, row = problem.raster().places
+    column, row = problem.places()
     scene, total = map_scenes(lambda x: np.asarray(x)[None], problem.scene_at(problem.start())), 0.0
     for _ in range(count):
         right, down = random.uniform(-0.5, 0.5, (2, len(column)))
-        places = problem.raster().points(column + right, row + down)
+        places = problem.points(column + right, row + down)
         total = total + pixel_colors(scene, places, SMALL)[0]
     return (total / count).reshape(3, 36, 48)
 
@@ -61,7 +61,7 @@ def jittered(problem, count):
 @pytest.mark.slow
 @pytest.mark.parametrize(("samples", "noise", "off"), [(2, 0, 0), (5, 0, 3e-4), (8, 0, 0), (5, 1 / 255, 0), (13, 0, 0)])
 def test_a_regular_grid_is_told(problem, samples, noise, off):
-    target = point_sampled(problem, problem.start(), samples).mean
+    target = point_sampled(problem, problem.start(), samples)[0]
     target = target + noise * np.random.default_rng(1).normal(size=target.shape)
     assert told(problem, target, off) == samples
 
@@ -74,20 +74,20 @@ def test_an_edge_aware_target_is_told(problem, noise):
 
 @pytest.mark.slow
 def test_box_and_random_means_are_no_grid(problem):
-    assert told(problem, point_sampled(problem, problem.start(), 48).mean) is None
+    assert told(problem, point_sampled(problem, problem.start(), 48)[0]) is None
     assert told(problem, jittered(problem, 25)) is None
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("samples", [3, 8])
 def test_steps_on_the_target_grid_end(problem, samples):
-    target = point_sampled(problem, problem.start(), samples).mean
+    target = point_sampled(problem, problem.start(), samples)[0]
     one, y = posed(target), problem.start() + 3e-4
     begun = state_at(one, y, AWARE)
-    found = settle(sampled(one, Sampling(samples)), begun, Recorder(one))
-    left = found.problem.stages[0].confusion(1)[0, 0] + found.next_step[0] ** 2
+    found = settled(dataclasses.replace(one, samples=samples), begun)
+    left = found.confusion[0, 0] + found.next_step[0] ** 2
     spread = float(np.sqrt(left))
-    assert found.settled and samples_of(found.problem) == samples
+    assert found.settled and found.problem.samples == samples
     assert abs(float(found.y[0] - problem.start()[0])) < 0.6 * spread < 0.01 / samples**2
     assert np.mean(np.abs(found.residual) > 1e-4) < 2e-3  # A sample or two that are on the other side of an edge.
 
@@ -95,7 +95,7 @@ def test_steps_on_the_target_grid_end(problem, samples):
 def test_digits_below_the_noise_are_not_computed(problem):
     """Beside noise fewer pixels are sampled, with fewer samples, and a step that is short beside the error is none."""
     y, sigma = problem.start(), 0.03
-    target = point_sampled(problem, y, 8).mean
+    target = point_sampled(problem, y, 8)[0]
     one = posed(target + sigma * np.random.default_rng(2).normal(size=target.shape))
     noise = sigma * float(np.max(one.observation.root_weight))
     plain, less = (resampled(one, y, AWARE, 89, noise=size) for size in (0.0, noise))
@@ -109,8 +109,8 @@ def test_digits_below_the_noise_are_not_computed(problem):
     assert picture.needed_size(state, np.array([1.0])) == LATTICES[0] < picture.needed_size(state)
     assert picture.needed_size(state, np.array([0.0])) == picture.needed_size(state)
     begun = state_at(exact, y + 3e-4, AWARE)
-    assert settle(exact, begun, Recorder(exact), error=np.array([1.0])).y == begun.y
-    assert settle(exact, begun, Recorder(exact), error=np.array([1e-6])).y != begun.y
+    assert settled(exact, begun, error=np.array([1.0])).y == begun.y
+    assert settled(exact, begun, error=np.array([1e-6])).y != begun.y
 
 
 @pytest.mark.parametrize("size", LATTICES)
@@ -155,9 +155,10 @@ def test_unknown_samples_obscure_noise_at_edges(problem):
     """Where pixels vary inside, four samples may err by more than a tenth of the noise."""
     variance = np.zeros((3, 36, 48))
     variance[1, 2, 3], variance[0, 4, 5] = 0.05 * 0.01**2, 0.03 * 0.01**2
-    seen = shows_noise(sampled(problem, Sampling(None, variance=variance)), 0.01)
+    state = state_at(problem, stage=AWARE)
+    seen = shows_noise(dataclasses.replace(state, within=variance), 0.01)
     assert seen.shape == variance.shape and np.argwhere(~seen).tolist() == [[1, 2, 3]]
-    assert shows_noise(sampled(problem, Sampling(8)), 0.01).all()
+    assert shows_noise(state, 0.01).all()
 
 
 @pytest.mark.slow

@@ -13,12 +13,11 @@ from linear_fit import linear_problem
 from linear_pictures import state_at
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, Contradiction, ModelCheck, dependences
-from raytrace_jax.inverse.judge.structure import PairScores, is_explained, vuong_evidence
+from raytrace_jax.inverse.judge.model_check import Assumption, Cause, Contradiction, ModelCheck
+from raytrace_jax.inverse.judge.structure import is_explained, vuong_evidence
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.observe.sampling import Sampling
+from raytrace_jax.inverse.progress import Findings, LocalMinimum
 from raytrace_jax.inverse.result import Minimum, Profile
-from raytrace_jax.inverse.solve.steps import Findings, LocalMinimum
 from raytrace_jax.inverse.status import (
     bounds_in_words,
     chi_square_excess,
@@ -166,7 +165,7 @@ def minimum(evidence):
 GOOD = {
     "settled": True,
     "next_move": 0.0,
-    "stages": (),
+    "samples": 8,
     "explained": True,
     "check": ModelCheck.nothing(2),
     "excess": 0.0,
@@ -186,16 +185,17 @@ def status_of(changed):
     """The status, its reason and advice of a fit in which all is well but for what is changed."""
     of = SimpleNamespace(**{**GOOD, **changed})
     state = some_state()
-    problem = dataclasses.replace(state.problem, stages=of.stages)
+    problem = dataclasses.replace(state.problem, samples=of.samples)
     solution = dataclasses.replace(state, problem=problem, settled=of.settled, next_move=of.next_move)
     minima = tuple(LocalMinimum(one, state.y, state.residual) for one in (minimum(0.0), *of.runner_ups))
-    found = Findings(None, minima, solution, of.uncertainty, dict.fromkeys(of.unseen, ()), (), of.check)
-    return fit_status(found, of.explained, of.excess, 7)
+    unseen = dict.fromkeys(of.unseen, ())
+    findings = Findings(minima=minima, solution=solution, uncertainty=of.uncertainty, unseen=unseen, check=of.check)
+    return fit_status(findings, of.explained, of.excess, 7)
 
 
 CAUSE = Cause("ball.radius", "%", 0.023, "free it, or measure it", 0.0046, 7.0)
-STRUCTURED = dataclasses.replace(ModelCheck.nothing(2), pairs=PairScores(9.0, 9.0))
-EXPLAINED = dataclasses.replace(ModelCheck.nothing(2), causes=(CAUSE,))
+STRUCTURED = dataclasses.replace(ModelCheck.nothing(2), distant_correlation=9.0, is_structured=True)
+EXPLAINED = dataclasses.replace(ModelCheck.nothing(2), causes=(CAUSE,), is_structured=True)
 OPEN = sure((0.1, np.inf), ("ball.ior",))
 
 
@@ -213,7 +213,7 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
         ({"explained": False}, "not_converged", "residual shows structure", "look at the residual"),
         ({"settled": False}, "not_converged", "still moving after 7 steps", "--max-steps"),
         (
-            {"settled": False, "next_move": 3.14, "stages": (Sampling(), Sampling(8))},
+            {"settled": False, "next_move": 3.14, "samples": None},
             "not_converged",
             "did not come to rest: the next one would be 3.1 standard errors long",
             "--target-samples, fit a larger picture",
@@ -308,22 +308,28 @@ def test_unexplained_outranks_degenerate():
 def test_what_an_answer_rests_on_is_said():
     names, error = ("ball.ior", "ball.center.z"), np.array([1e-4, 2.5e-4])
     radius = Assumption("ball.radius", 2.3, 2.3, 0.0, np.array([0.65, -2.2]), "world unit")
-    ior, z = dependences((radius,), names, error)
+
+    def dependences(assumptions, error=error):
+        check = dataclasses.replace(ModelCheck.nothing(2), assumptions=assumptions)
+        rests = [check.dependence(k, name, error[k]) for k, name in enumerate(names)]
+        return tuple(dependence for dependence in rests if dependence)
+
+    ior, z = dependences((radius,))
     assert ior.words == (
         "ball.ior depends most on ball.radius: were that 0.0023 larger, ball.ior would be 0.0015 larger "
         "(15 total errors)"
     )
     assert "ball.center.z would be 0.0051 smaller (20 total errors)" in z.words
-    assert [found.estimate for found in dependences((radius,), names, np.array([1e-4, np.inf]))] == ["ball.ior"]
-    assert dependences((), names, error) == () == dependences((radius,), names, np.array([np.inf, np.nan]))
-    assert "more than 100,000 total errors" in dependences((radius,), names, np.array([1e-14, 1e-14]))[0].words
+    assert [found.estimate for found in dependences((radius,), np.array([1e-4, np.inf]))] == ["ball.ior"]
+    assert dependences(()) == () == dependences((radius,), np.array([np.inf, np.nan]))
+    assert "more than 100,000 total errors" in dependences((radius,), np.array([1e-14, 1e-14]))[0].words
 
     # What was stated to be uncertain is in the error already; of the rest the index rests on something else than z.
     view = Assumption("eye.fov", 40.0, 40.0, 0.0, np.array([1e-3, 1.0]), "degree")
     stated = radius._replace(uncertainty=0.01)
-    assert [found.on for found in dependences((stated, view), names, error)] == ["eye.fov", "eye.fov"]
-    assert [found.on for found in dependences((radius, view), names, error)] == ["ball.radius", "eye.fov"]
-    assert "were that 0.04 degrees larger" in dependences((stated, view), names, error)[0].words
+    assert [found.on for found in dependences((stated, view))] == ["eye.fov", "eye.fov"]
+    assert [found.on for found in dependences((radius, view))] == ["ball.radius", "eye.fov"]
+    assert "were that 0.04 degrees larger" in dependences((stated, view))[0].words
 
 
 def test_chi_square_tells_understated_noise():

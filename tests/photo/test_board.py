@@ -13,8 +13,7 @@ from photographed_boards import PATTERN, charuco, write_board
 from PIL import Image
 
 from raytrace_jax import RaytraceError, load_scene
-from raytrace_jax.photo.board_pattern import Pattern
-from raytrace_jax.photo.boards import opencv, read_board
+from raytrace_jax.photo.boards import Pattern, opencv, read_board
 from raytrace_jax.report import board_sheet
 from raytrace_jax.util.text import PAPERS, millimetres, with_tolerance
 
@@ -123,8 +122,7 @@ def test_the_ruler_is_100_mm_long():
     for paper in PAPERS:
         figure = board_sheet.draw_sheet(SMALL, paper)
         (ax,) = figure.axes
-        (ruler,) = ax.collections
-        line, *ticks = (np.asarray(segment) for segment in ruler.get_segments())
+        line, *ticks = (np.asarray(segment) for ruler in ax.collections for segment in ruler.get_segments())
         assert np.ptp(line[:, 0]) == 100 and len(ticks) == 11
         np.testing.assert_allclose([tick[0, 0] - line[0, 0] for tick in ticks], np.arange(0, 101, 10))
         label, words = ax.texts

@@ -13,12 +13,12 @@ from PIL import Image
 
 from raytrace_jax import PictureError
 from raytrace_jax.images.transfer import DECODERS
-from raytrace_jax.photo.board_pattern import Pattern
-from raytrace_jax.photo.bundle import Known
-from raytrace_jax.photo.geometry import AT, COUNT, Setup
+from raytrace_jax.photo.boards import Pattern
+from raytrace_jax.photo.bundle import Prior
+from raytrace_jax.photo.geometry import Ball, Camera, Setup, Tank
 from raytrace_jax.photo.lens import LensPrior, write_lens
-from raytrace_jax.photo.locate import Diagnostics, Located, NotLocated, Together
-from raytrace_jax.photo.opinions import told
+from raytrace_jax.photo.locate import Located, PhotoResult, Together
+from raytrace_jax.photo.opinions import to_dict
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.photograph import Corners
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
@@ -119,7 +119,7 @@ def test_unmeasured_lengths_are_uncertain(folder, monkeypatch, capsys):
     assert given[1][2]["radius"] == pytest.approx((20 * 100 / 99.9, 20 * 100 / 99.9 * np.hypot(5e-4, 0.02 / 99.9)))
     assert run(*PHOTO, "--tank", "6+-0.01cm", "--wall", "3+-0.05mm,1.49", "--ruler", "100+-0.1mm") == 1
     assert given[2][2]["thickness"] == pytest.approx((60, np.hypot(0.1, 0.06)))
-    assert given[2][2]["wall"] == pytest.approx((3, np.hypot(0.05, 0.003))) and given[2][2]["wall_ior"] == (1.49, 0)
+    assert given[2][2]["wall"] == pytest.approx((3, np.hypot(0.05, 0.003))) and given[2][2]["wall_index"] == (1.49, 0)
     capsys.readouterr()
     assert run(*PHOTO, "--radius", "20+-0.01mm", "--ruler", "9.98cm") == 1
     warned = " ".join(capsys.readouterr().err.split())
@@ -135,18 +135,22 @@ def test_unmeasured_lengths_are_uncertain(folder, monkeypatch, capsys):
     assert "--wall" not in capsys.readouterr().err
 
 
-def located_at(numbers, error):
+COUNT = 16
+"""How many numbers a camera and a ball have."""
+
+
+def located_at(numbers, error, glass=None):
     """What is located by no corners."""
     none = Corners.none()
-    adjusted = Setup.of(numbers), error**2 * np.eye(COUNT), (0.0, 0.0), none, none
+    adjusted = Setup(Camera(), glass or Ball()).at(numbers), error**2 * np.eye(len(numbers)), (0.0, 0.0), none, none
     return Located(*adjusted, None, (48, 32), 0.0)  # pyright: ignore
 
 
 def corners_say(monkeypatch, known):
     """Corners that say half more than its place of each number of a ball, and what the sheets are drawn with."""
-    located = located_at((AT.vector + 0.5) * (AT.vector <= AT.radius), 0.012)  # No tank and no liquid.
-    adjusted = SimpleNamespace(joint=located.setup.vector, covariance=located.covariance, known=known)
-    together = Together({0: located}, {}, {}, {}, adjusted)  # pyright: ignore
+    located = located_at(np.arange(COUNT) + 0.5, 0.012)
+    adjusted = SimpleNamespace(views=[located], joint=located.setup.vector, covariance=located.covariance, known=known)
+    together = Together([PhotoResult(SimpleNamespace(name="photo.png"), located=located)], adjusted)  # pyright: ignore
     drawn = []
 
     def sheet(_, __, ___, long, otherwise):
@@ -159,7 +163,7 @@ def corners_say(monkeypatch, known):
     for name, stand_in in {
         "locate_together": lambda *_: together,
         "flatten": too_dark,
-        "told_together": lambda *_: {},
+        "together_to_dict": lambda *_: {},
         "draw_photo_sheet": sheet,
     }.items():
         monkeypatch.setattr(f"raytrace_jax.cli.actions.photo.{name}", stand_in)
@@ -168,13 +172,12 @@ def corners_say(monkeypatch, known):
 
 @pytest.mark.parametrize("wall", [0.0, 3.0])
 def test_walls_are_told_where_there_are_any(wall):
-    numbers = (AT.vector + 0.5) * ~np.isin(AT.vector, [AT.radius, *AT.walls, AT.depth])
-    numbers[AT.wall] = wall
-    assert ("wall" in told(located_at(numbers, 0.012))["parameters"]) == (wall > 0)  # pyright: ignore
+    numbers = Setup(Camera(), Tank(wall=wall)).vector
+    assert ("wall" in to_dict(located_at(numbers, 0.012, Tank()))["parameters"]) == (wall > 0)  # pyright: ignore
 
 
 def test_long_writes_errors_out(folder, monkeypatch, capsys):
-    drawn = corners_say(monkeypatch, Known(np.zeros(COUNT), np.zeros((0, COUNT)), np.zeros(COUNT)))
+    drawn = corners_say(monkeypatch, Prior(np.zeros(COUNT), np.zeros((0, COUNT)), np.zeros(COUNT)))
     assert run(*BALL) == 0
     captured = capsys.readouterr()
     rows = [line.split("  ") for line in captured.out.splitlines()]
@@ -196,7 +199,7 @@ def test_long_writes_errors_out(folder, monkeypatch, capsys):
 def test_contradictions_are_told_first(folder, monkeypatch, capsys):
     mean, root = np.full(COUNT, 6.5), np.zeros((2, COUNT))
     mean[15], root[0, 6], root[1, 15] = 15.9, 50, 1 / 0.02  # The angle of view is 6.5, and the radius 15.5.
-    drawn = corners_say(monkeypatch, Known(mean, root, np.zeros(COUNT)))
+    drawn = corners_say(monkeypatch, Prior(mean, root, np.zeros(COUNT)))
     assert run(*BALL) == 3
     captured = capsys.readouterr()
     words = (
@@ -260,13 +263,14 @@ def test_unmarked_8_bits_are_told_as_srgb(suffix, bits, transfer, asked, folder,
 def test_a_refusal_shows_what_was_taken():
     corners = Corners(np.full((3, 2), 20.0), np.zeros((3, 2)), np.ones(3))
     discs = [Disc(np.array([30.0, 20.0]), 8.0), Disc(np.array([10.0, 20.0]), 9.0)]
-    taken = Diagnostics(np.zeros((5, 4, 2)), corners, corners.where(np.array([True, False, True])), discs)
-    figure = draw_refused(np.full((3, 40, 60), 0.5), taken, "because " * 60)
+    through = corners.where(np.array([True, False, True]))
+    result = PhotoResult(None, np.zeros((5, 4, 2)), corners, through, discs, reason="because " * 60)  # pyright: ignore
+    figure = draw_refused(np.full((3, 40, 60), 0.5), result)
     titles = [ax.get_title() for ax in figure.axes]
     assert "5 markers" in titles[0] and "3 corners of the board" in titles[0]
     assert "2 discs taken for the ball, 2 corners through it" in titles[1]
     assert sum(isinstance(one, Circle) for one in figure.axes[0].patches) == 2
-    bare = draw_refused(np.full((3, 40, 60), 0.5), Diagnostics(), "It is grey.")
+    bare = draw_refused(np.full((3, 40, 60), 0.5), PhotoResult(None, reason="It is grey."))  # pyright: ignore
     assert len(bare.axes) == 1 and "0 markers" in bare.axes[0].get_title()
 
 
@@ -309,17 +313,19 @@ def test_contradicted_exif_is_not_believed(fails, folder, monkeypatch, capsys):
     numbers = np.full(COUNT, 35.0)
     asked = []
 
-    def locate(_, __, ___, lens, ____):
+    def locate(photographs, __, ___, lens, ____):
         asked.append(lens)
         if np.isfinite(lens.covariance[0, 0]) and fails:
-            return Together({}, {}, {}, {0: NotLocated("nothing fits", Diagnostics())}, None)
-        return Together({0: located_at(numbers, 0.3)}, {}, {}, {}, None)
+            return Together([PhotoResult(photographs[0], reason="nothing fits")], None)
+        located = located_at(numbers, 0.3)
+        return Together([PhotoResult(photographs[0], located=located)], located)  # pyright: ignore
 
     def done(*_):
         raise PictureError("seen enough")
 
     monkeypatch.setattr("raytrace_jax.cli.actions.photo.locate_together", locate)
-    monkeypatch.setattr("raytrace_jax.cli.actions.photo.told_together", done)
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.contradictions", done)
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.flatten", lambda *_: None)
     assert run("photo", "zoomed.jpg", *BALL[2:]) == 1
     message = " ".join(capsys.readouterr().err.split())
     words = "zoomed.jpg: its EXIF tells an angle of view of 67.38 degrees (focal length, digital zoom), and the board"

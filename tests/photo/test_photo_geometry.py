@@ -5,16 +5,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.flatten_util import ravel_pytree
 from scipy.spatial.transform import Rotation
 
 from raytrace_jax import RaytraceError, RaytraceWarning
-from raytrace_jax.images.exif import TURNS
+from raytrace_jax.images.exif import ORIENTATIONS, upright
 from raytrace_jax.photo import geometry
-from raytrace_jax.photo.geometry import AT, COUNT, LOST, Setup, principal_point, project, rotation_matrix
+from raytrace_jax.photo.geometry import LOST, Ball, Camera, Setup, rotation_matrix
+from raytrace_jax.photo.illumination import fit_illumination
 from raytrace_jax.photo.lens import LensPrior, Turn, read_lens, uncalibrated, write_lens
-from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.photograph import PixelGrid
-from raytrace_jax.photo.sight import Sight
+from raytrace_jax.photo.sight import Projection
 
 SIZE = (640, 480)
 POSE = [np.pi - 0.15, 0.12, -0.2, 6.0, -4.0, 260.0]
@@ -25,7 +26,11 @@ NO_LENS = LENSES[0]
 
 
 def setup_of(lens=NO_LENS, ball=BALL, pose=POSE):
-    return Setup.of(jnp.array([*pose, 35.0, *lens, *ball, *[0.0] * 5, 1.0, 0.0, 0.0, 0.0]))
+    return jax.tree.map(jnp.asarray, Setup(Camera(), Ball()).at(np.array([*pose, 35.0, *lens, *ball])))
+
+
+def setup_at(numbers):
+    return ravel_pytree(setup_of())[1](numbers)
 
 
 def numeric(function, x, step):
@@ -71,19 +76,19 @@ def test_points_are_projected_as_by_opencv(lens):
     matrix = np.array([[focal, 0, across], [0, focal, down], [0, 0, 1]])
     pose = np.array(POSE)
     wanted, _ = cv2.projectPoints(points, pose[:3], pose[3:], matrix, np.array([*lens[:2], 0.0, 0.0]))
-    np.testing.assert_allclose(project(setup, SIZE, jnp.asarray(points)), wanted[:, 0], atol=1e-8)
+    np.testing.assert_allclose(setup.camera.project(SIZE, jnp.asarray(points)), wanted[:, 0], atol=1e-8)
 
     # A pixel's ray meets what is projected into it.
     rng = np.random.default_rng(2)
     pixels = jnp.asarray(rng.uniform([-0.5, -0.5], np.array(SIZE) - 0.5, (300, 2)))
-    origin, toward = geometry.pixel_rays(setup, SIZE, pixels)
+    origin, toward = setup.camera.rays(SIZE, pixels)
     np.testing.assert_allclose(jnp.linalg.norm(toward, axis=0), 1, atol=1e-14)
     along = jnp.asarray(rng.uniform(50, 400, 300))
-    np.testing.assert_allclose(project(setup, SIZE, (origin + along * toward).T), pixels, atol=1e-9)
+    np.testing.assert_allclose(setup.camera.project(SIZE, (origin + along * toward).T), pixels, atol=1e-9)
     place, distance = geometry.on_board(origin, toward)
     assert np.all(distance > 0)
     flat = jnp.concatenate([place, jnp.zeros((300, 1))], axis=1)
-    np.testing.assert_allclose(project(setup, SIZE, flat), pixels, atol=1e-9)
+    np.testing.assert_allclose(setup.camera.project(SIZE, flat), pixels, atol=1e-9)
 
 
 def test_rays_away_from_the_board_miss():
@@ -93,9 +98,9 @@ def test_rays_away_from_the_board_miss():
 
 
 def test_direct_sight_inverts_the_projection():
-    sight = Sight(setup_of(LENSES[1]), SIZE)
+    sight = Projection(setup_of(LENSES[1]), SIZE)
     places = np.random.default_rng(3).uniform(-50, 50, (5000, 2))  # More than a program's rows, of either size.
-    found, sees = sight.directly(sight.where(places))
+    found, _, sees = sight.directly(sight.where(places))
     assert sees.all()
     np.testing.assert_allclose(found, places, atol=1e-9)
     center, radius = sight.outline
@@ -117,10 +122,10 @@ def refracted(d, n, ratio):
 @pytest.mark.parametrize("index", [1.0, 1.33, 1.5, 1.9])
 def test_rays_of_a_tilted_camera_obey_snell(index):
     setup, center, radius = setup_of(LENSES[1], [index, *BALL[1:]]), BALL[1:4], BALL[4]
-    middle, size = Sight(setup, SIZE).outline
+    middle, size = Projection(setup, SIZE).outline
     pixels = middle + size * np.random.default_rng(4).uniform(-0.65, 0.65, (40, 2))
-    eye = np.asarray(geometry.camera_of(setup).viewpoint)
-    toward = np.asarray(geometry.pixel_rays(setup, SIZE, jnp.asarray(pixels))[1]).T
+    eye = np.asarray(setup.camera.of_scene.viewpoint)
+    toward = np.asarray(setup.camera.rays(SIZE, jnp.asarray(pixels))[1]).T
     wanted, down = [], []
     for d in toward:
         b = d @ (eye - center)
@@ -130,7 +135,7 @@ def test_rays_of_a_tilted_camera_obey_snell(index):
         outer = refracted(inner, -(leave - center) / radius, index)
         wanted.append((leave - leave[2] / outer[2] * outer)[:2])
         down.append(-outer[2])
-    seen = geometry.see_through(setup, SIZE, jnp.asarray(pixels))
+    seen = setup.see(SIZE, jnp.asarray(pixels))
     reaches = np.array(down) > 1e-3
     np.testing.assert_array_equal(seen.valid, reaches)
     assert reaches.mean() > 0.8 and (reaches.all() or index > 1.5)
@@ -139,19 +144,15 @@ def test_rays_of_a_tilted_camera_obey_snell(index):
 
 
 STEPS = np.array([1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 0.3, 1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4])
-STEPS = np.append(STEPS, [1e-6, 1e-6, *[1e-4] * 5, 1e-6, 1e-6])
-"""For each number of camera, ball and tank: about as much as moves a ray by a thousandth of a pixel; k2 by less, for
+"""For each number of camera and ball: about as much as moves a ray by a thousandth of a pixel; k2 by less, for
 near the middle it does nearly nothing."""
 
-OF_BALL = ~np.isin(np.arange(COUNT), [AT.thickness, AT.depth])
-"""A thickness would be that of a tank in place of the ball, a depth that of a liquid below it."""
-
-LEAST_SCALE = np.array([0.0] * 11 + [1.0] * (COUNT - 11))[OF_BALL]
+LEAST_SCALE = np.array([0.0] * 11 + [1.0] * 5)
 """Of a derivative, below which it is not compared as a share: where the index is 1 a ball's place changes nothing."""
 
 
 def places_and_reach(numbers, pixels):
-    found = geometry.see_through(Setup.of(numbers), SIZE, pixels)
+    found = setup_at(numbers).see(SIZE, pixels)
     return jnp.concatenate([found.place, found.reach[:, None]], axis=1)
 
 
@@ -165,23 +166,26 @@ def places_at(numbers, pixels):
 
 @jax.jit
 def missed(numbers, pixels, places):
-    return geometry.misses(Setup.of(numbers), SIZE, pixels, places)
+    setup = setup_at(numbers)
+    seen = setup.see(SIZE, pixels)
+    inverse = jax.lax.stop_gradient(geometry.inverse_of(setup.local_map(SIZE, pixels)))
+    return jnp.where(seen.valid[:, None], jnp.einsum("nij,nj->ni", inverse, seen.place - places), geometry.LOST)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("index", [1.0, 1.5])
 def test_glass_derivatives_are_differences(index):
     setup = setup_of(LENSES[1], [index, *BALL[1:]])
-    numbers, (middle, radius) = setup.vector, Sight(setup, SIZE).outline
+    numbers, (middle, radius) = setup.vector, Projection(setup, SIZE).outline
     pixels = jnp.asarray(middle + radius * np.random.default_rng(6).uniform(-0.6, 0.6, (8, 2)))
 
-    by_steps = numeric(lambda x: places_at(jnp.asarray(x), pixels), numbers, STEPS)[..., OF_BALL]
-    forward, backward = (mode(jnp.asarray(numbers), pixels)[:, :2, OF_BALL] for mode in (FORWARD, BACKWARD))
+    by_steps = numeric(lambda x: places_at(jnp.asarray(x), pixels), numbers, STEPS)
+    forward, backward = (mode(jnp.asarray(numbers), pixels)[:, :2] for mode in (FORWARD, BACKWARD))
     # Rounding, 1e-13 of 100 mm over the step, and curvature leave 1e-6 of the largest.
     scale = np.maximum(np.max(np.abs(by_steps), axis=(0, 1)), LEAST_SCALE)
     np.testing.assert_allclose(forward / scale, by_steps / scale, atol=1e-6)
     np.testing.assert_allclose(backward / scale, forward / scale, atol=1e-11)
-    slopes = geometry.local_map(setup, SIZE, pixels)
+    slopes = setup.local_map(SIZE, pixels)
     moved = numeric(lambda step: places_at(jnp.asarray(numbers), pixels + step), np.zeros(2), [1e-4, 1e-4])
     np.testing.assert_allclose(slopes, moved, rtol=1e-5, atol=1e-7)
 
@@ -197,7 +201,7 @@ def test_derivatives_are_finite_at_the_rim(index):
     touching = focal * np.tan(np.arcsin(radius / (height - above)))
     away = touching * np.array([0, 1 - 1e-9, 1 - 1e-13, 1, 1 + 1e-13, 1 + 1e-9, 1.1, 2])
     pixels = jnp.asarray(MIDDLE + np.stack([away, 0 * away], -1))
-    seen = geometry.see_through(setup, SIZE, pixels)
+    seen = setup.see(SIZE, pixels)
     assert np.all(np.isfinite(seen.place)) and np.all(np.isfinite(seen.reach))
     assert seen.valid[0] and not np.any(seen.valid[-3:])
     np.testing.assert_allclose(seen.reach[2:5], 1, atol=1e-12)
@@ -211,13 +215,13 @@ def test_derivatives_are_finite_at_the_rim(index):
 @pytest.mark.slow
 def test_seen_corners_miss_by_nothing():
     setup = setup_of(LENSES[1])
-    numbers, (middle, radius) = setup.vector, Sight(setup, SIZE).outline
+    numbers, (middle, radius) = setup.vector, Projection(setup, SIZE).outline
     pixels = jnp.asarray(middle + radius * np.random.default_rng(7).uniform(-0.55, 0.55, (8, 2)))
     places = places_at(jnp.asarray(numbers), pixels)
 
     np.testing.assert_allclose(missed(jnp.asarray(numbers), pixels, places), 0, atol=1e-11)
-    slope = jax.jit(jax.jacfwd(missed))(jnp.asarray(numbers), pixels, places)[..., OF_BALL]
-    by_steps = numeric(lambda x: missed(jnp.asarray(x), pixels, places), numbers, STEPS)[..., OF_BALL]
+    slope = jax.jit(jax.jacfwd(missed))(jnp.asarray(numbers), pixels, places)
+    by_steps = numeric(lambda x: missed(jnp.asarray(x), pixels, places), numbers, STEPS)
     scale = np.maximum(np.max(np.abs(by_steps), axis=(0, 1)), LEAST_SCALE)
     np.testing.assert_allclose(slope / scale, by_steps / scale, atol=2e-6)
     # A hundredth of a pixel aside it is that hundredth; the map bends by less than 1 % there.
@@ -263,7 +267,7 @@ def test_board_light_is_found_beside_a_stain():
     image = light * np.where(brightness > 0.5, 1, ink[:, None]) * noise
     stain = np.linalg.norm(place - [30, 10], axis=1) < 12
     image[:, stain] *= 0.6
-    field = fit_light_field(image, place, brightness, half)
+    field = fit_illumination(image, place, brightness, half)
     # 15 terms of 3000 pixels, which scatter by 0.5 %: 0.04 % in the mean, some times that in the corners.
     np.testing.assert_allclose(field.at(place) / light, 1, atol=3e-3)
     np.testing.assert_allclose(field.ink, ink, rtol=5e-3)
@@ -300,17 +304,17 @@ def test_a_lens_of_turned_pictures_is_turned(tmp_path):
         np.testing.assert_allclose(spread[3:, 3:], np.outer(off, off)[3:, 3:], rtol=1e-12)
 
 
-@pytest.mark.parametrize("orientation", TURNS)
+@pytest.mark.parametrize("orientation", ORIENTATIONS)
 def test_a_lens_is_turned_as_its_picture_is(orientation):
     """Every pixel stays as far from where the lens looked, in focal lengths; and errors follow by differences."""
     size = (12, 8)
     column, row = np.meshgrid(*map(np.arange, map(float, size)))
 
     def reach(lens, size, pixels):
-        setup = setup_of(lens[1:])._replace(fov=lens[0])
-        return np.linalg.norm(pixels - principal_point(setup, size), axis=-1) / geometry.focal_length(setup, size)
+        camera = Camera(0.0, 0.0, lens[0], lens[1:3], lens[3:])
+        return np.linalg.norm(pixels - camera.principal_point(size), axis=-1) / camera.focal_length(size)
 
-    stored = TURNS[orientation](np.stack([column, row], -1))
+    stored = upright(np.stack([column, row], -1), orientation)
     height, width, _ = stored.shape
     turn = Turn(size, after=orientation)
     found = turn.of(LENS)

@@ -5,15 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from raytrace_jax.photo.geometry import AT, Setup
-from raytrace_jax.photo.opinions import joined
+from raytrace_jax.photo.geometry import Ball
+from raytrace_jax.photo.opinions import combine
 from raytrace_jax.photo.room_scene import FREE, GLASS, UNCERTAIN
 
 COUNT, GLASSES = len(GLASS) + len(UNCERTAIN), len(GLASS)
 
 
 def problem(noise, off=0.0):
-    """What `joined` says of linear corners and a linear fit, their joint least squares, and the corners' own error."""
+    """What `combine` says of linear corners and a linear fit, their joint least squares, and the corners' own error."""
     random = np.random.default_rng(5)
     corners, truth = random.normal(size=(40, COUNT)), random.normal(size=COUNT)
     covariance = 0.1**2 * np.linalg.inv(corners.T @ corners)
@@ -33,13 +33,12 @@ def problem(noise, off=0.0):
             assumptions=[SimpleNamespace(name=name, sensitivity=every[:, k]) for k, name in enumerate(UNCERTAIN)],
         ),
     )
-    numbers = np.zeros(16)
-    numbers[AT.ball[:GLASSES]] = told[:GLASSES]
+    ball = Ball(told[0], told[1:GLASSES])
 
     rows = np.concatenate([corners / 0.1, np.concatenate([np.eye(GLASSES), -sensitivity], axis=1) / noise])
     right = np.concatenate([seen / 0.1, (value - sensitivity @ told[GLASSES:]) / noise])
     index, error = np.linalg.lstsq(rows, right)[0][0], np.sqrt(np.linalg.inv(rows.T @ rows)[0, 0])
-    both = joined(SimpleNamespace(setup=Setup.of(numbers)), SimpleNamespace(covariance=covariance), result)
+    both = combine(SimpleNamespace(setup=SimpleNamespace(glass=ball)), SimpleNamespace(covariance=covariance), result)
     return both, (index, error), np.sqrt(covariance[0, 0])
 
 

@@ -1,13 +1,14 @@
 """From a photograph that the package itself made to camera, ball and index; and pictures that show no such thing."""
 
 import json
+import re
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import photographed_boards as boards
 import pytest
-from photographed_boards import BLUR, CAMERA, HEIGHT, INDEX, RADIUS, SIZE, WIDTH, charuco
+from photographed_boards import BLUR, CAMERA, HEIGHT, INDEX, RADIUS, SIZE, WIDTH, charuco, locate
 from scipy import ndimage
 
 from raytrace_jax import FitOptions, FitResult, PictureError, RenderSettings, build, read_exr, render, write_png
@@ -17,13 +18,13 @@ from raytrace_jax.photo.bundle import CORNER_FLOOR
 from raytrace_jax.photo.find_ball import find_ball
 from raytrace_jax.photo.find_camera import calibrate
 from raytrace_jax.photo.flattened import flatten
-from raytrace_jax.photo.geometry import Setup
+from raytrace_jax.photo.geometry import Ball, Camera, Setup
 from raytrace_jax.photo.lens import uncalibrated
-from raytrace_jax.photo.locate import NotLocated, locate
+from raytrace_jax.photo.locate import locate_together
 from raytrace_jax.photo.outline import Disc, find_discs
 from raytrace_jax.photo.photograph import Photograph, photograph_of
 from raytrace_jax.photo.room_scene import FREE, UNCERTAIN, room_scene
-from raytrace_jax.photo.sight import Sight
+from raytrace_jax.photo.sight import Projection
 
 VIEWPOINT, CENTER = CAMERA["viewpoint"], (4.0, -3.0, 65.0)
 
@@ -43,20 +44,20 @@ def located(image, board):
 def test_the_ball_is_found_within_errors(located):
     index, error = located.ior
     assert abs(index - INDEX) < 2e-3 and abs(index - INDEX) < 4 * error and error < 5e-3
-    off = located.setup.center - CENTER
-    assert np.all(np.abs(off) < np.minimum(4 * located.errors.center, 1)), "millimetres, of 262 to the camera"
-    assert located.setup.radius == RADIUS and located.errors.radius == 0, "it is known exactly"
+    off = located.setup.glass.center - CENTER
+    assert np.all(np.abs(off) < np.minimum(4 * located.errors.glass.center, 1)), "millimetres, of 262 to the camera"
+    assert located.setup.glass.radius == RADIUS and located.errors.glass.radius == 0, "it is known exactly"
     assert len(located.direct.pixels) > 50 and len(located.through.pixels) > 20
     # The noise moves a corner by hundredths of a pixel, and none is believed to less than the floor.
     assert CORNER_FLOOR <= located.sigma[0] < 0.06 and CORNER_FLOOR <= located.sigma[1] < 0.1
     assert abs(located.blur - BLUR) <= 0.25, "the next that is tried; a pixel's own width adds to it"
     setup, errors = located.setup, located.errors
-    assert abs(setup.fov - boards.FOV) < min(4 * errors.fov, 0.5)
-    assert np.all(np.abs(setup.distortion) < 4 * errors.distortion), "there is no distortion"
+    assert abs(setup.camera.fov - boards.FOV) < min(4 * errors.camera.fov, 0.5)
+    assert np.all(np.abs(setup.camera.distortion) < 4 * errors.camera.distortion), "there is no distortion"
     assert np.linalg.norm(located.sight.viewpoint - VIEWPOINT) < 3
     # Wherever camera and ball are together, the outline is where it was.
     toward = np.subtract(CENTER, VIEWPOINT) / np.linalg.norm(np.subtract(CENTER, VIEWPOINT))
-    found = setup.center - located.sight.viewpoint
+    found = setup.glass.center - located.sight.viewpoint
     assert np.degrees(np.arccos(found @ toward / np.linalg.norm(found))) < 0.1
 
 
@@ -106,13 +107,13 @@ def test_a_mirrored_picture_is_told(turn, board):
         calibrate([mirrored] * 3, board)
 
 
-DRAWN = Setup.of(np.array([np.pi, 0, 0, 0, 0, 600.0, 40.0, 0, 0, 0, 0, INDEX, 0, 0, 60, RADIUS, *[0] * 9]))
+DRAWN = Setup(Camera([np.pi, 0, 0], [0, 0, 600.0], 40.0), Ball(INDEX, [0, 0, 60], RADIUS))
 """A camera straight before the board's middle, and a ball."""
 
 
 def test_corners_are_measured_to_0_01_pixel(board):
     """The board straight ahead, whose edges lie along the pixels' sides, drawn with 256 rays each."""
-    sight = Sight(DRAWN, SIZE)
+    sight = Projection(DRAWN, SIZE)
     expected = sight.where(board.corners)
     chosen = np.all(np.abs(expected - (WIDTH / 2, HEIGHT / 2)) < 50, axis=1)
     first, last = np.array([WIDTH, HEIGHT]) // 2 - 90, np.array([WIDTH, HEIGHT]) // 2 + 90
@@ -142,12 +143,12 @@ def pictured(board, *balls, hides=lambda column, row: {}, light=1.0):
 
 
 def ball_at(x, y):
-    return DRAWN._replace(center=np.array([x, y, 60.0]))
+    return Setup(DRAWN.camera, Ball(INDEX, [x, y, 60.0], RADIUS))
 
 
 def found_ball(light, board, name="drawn"):
     """The set-up with the ball of a drawn picture, of which only the radius is known."""
-    photograph, blank = Photograph(light, None, name), DRAWN._replace(center=np.zeros(3))  # pyright: ignore
+    photograph, blank = Photograph(light, None, name), Setup(DRAWN.camera, Ball(INDEX, radius=RADIUS))  # pyright: ignore
     return find_ball(photograph, board, blank, BLUR, find_discs(photograph, board, blank, BLUR))
 
 
@@ -176,7 +177,7 @@ def on_a_post(board, post):
 def test_a_ball_is_found_beside_a_shadow(post, wide_board):
     picture, wanted = on_a_post(wide_board, post)
     found = found_ball(picture, wide_board)
-    (center, radius), (at, size) = (Sight(one, SIZE).outline for one in (wanted, found))
+    (center, radius), (at, size) = (Projection(one, SIZE).outline for one in (wanted, found))
     assert np.hypot(*(at - center)) < 0.03 * radius
     assert abs(size / radius - 1) < 0.05, "the outline tells the distance to some per cent"
     assert abs(found.ior - INDEX) < 0.2, "and with it where the index begins"
@@ -193,17 +194,17 @@ def test_two_balls_or_none_are_refused(wide_board):
 @pytest.mark.slow
 def test_a_refusal_says_where_the_ball_was(image, board):
     wrong = Disc(np.array([200.0, 200.0]), 50.0)
-    with pytest.raises(NotLocated, match=r"taken to be at column 200, row 200, .* 50 pixels; --ball X Y R") as refused:
-        locate(photograph_of(image, "ball"), board, {"radius": (RADIUS, 0.0)}, uncalibrated(), wrong)
-    taken = refused.value.taken
-    assert len(taken.direct.pixels) > 50 and len(taken.markers) > 20 and taken.discs == [wrong]
+    photographs = [photograph_of(image, "ball")]
+    (result,) = locate_together(photographs, board, {"radius": (RADIUS, 0.0)}, uncalibrated(), wrong).photographs
+    assert re.search(r"taken to be at column 200, row 200, .* 50 pixels; --ball X Y R", result.reason)
+    assert len(result.direct.pixels) > 50 and len(result.markers) > 20 and result.discs == [wrong]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("factor", "words"), [(10, "a tenth"), (2, "half")])
 def test_a_wrong_radius_is_asked_about(factor, words, image, board):
     with pytest.raises(
-        NotLocated, match=f"With {words} of that radius, 20 mm, the board is seen through the ball: was"
+        PictureError, match=f"With {words} of that radius, 20 mm, the board is seen through the ball: was"
     ):
         locate(photograph_of(image, "ball"), board, {"radius": (factor * RADIUS, 0.01)}, uncalibrated())
 

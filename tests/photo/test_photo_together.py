@@ -13,14 +13,15 @@ from scipy import ndimage
 from raytrace_jax import PictureError, write_png
 from raytrace_jax.cli import main
 from raytrace_jax.errors import RaytraceWarning
-from raytrace_jax.images.exif import TURNS
+from raytrace_jax.images.exif import upright
 from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
 from raytrace_jax.photo.find_camera import FoundCamera, calibrate
-from raytrace_jax.photo.geometry import AT, COUNT, Setup
+from raytrace_jax.photo.geometry import LENS as AT_LENS
+from raytrace_jax.photo.geometry import Ball, Camera, Setup
 from raytrace_jax.photo.lens import LensPrior, Turn
 from raytrace_jax.photo.opinions import Budget, budget, contradictions
 from raytrace_jax.photo.photograph import Corners, photograph_of
-from raytrace_jax.photo.sight import Sight
+from raytrace_jax.photo.sight import Projection
 from raytrace_jax.photo.turned import turned_alike
 
 TRUE_LENS = np.array([35.0, -0.05, 0.01, 0.004, -0.003])
@@ -31,11 +32,11 @@ KNOWN_RADIUS = (RADIUS * 1.0004, RADIUS * 5e-4)
 PLACES = [([np.pi - 0.15, 0.12, -0.2, 6.0, -4.0, 260.0], [4.0, -3.0, 65.0]),
           ([np.pi + 0.2, -0.1, 0.3, 0.0, 5.0, 280.0], [-8.0, 4.0, 45.0]),
           ([np.pi + 0.05, 0.3, 0.1, -5.0, 0.0, 270.0], [0.0, 2.0, 90.0])]  # fmt: skip
-COMMON = [*AT.lens, AT.ior, AT.radius]
+COMMON = [*AT_LENS, 11, 15]
 
 
 def setup_of(pose, lens, center):
-    return Setup.of(np.concatenate([pose, lens, [INDEX], center, [RADIUS], np.zeros(9)]))
+    return Setup(Camera(), Ball()).at(np.concatenate([pose, lens, [INDEX], center, [RADIUS]]))
 
 
 def view_of(place, turn=None, seed=0, noise=0.05):
@@ -45,7 +46,7 @@ def view_of(place, turn=None, seed=0, noise=0.05):
     pose, center = place
     size = SIZE if turn.after < 5 else SIZE[::-1]
     setup = setup_of(pose, turn(TRUE_LENS)[0], center)
-    sight = Sight(setup, size)
+    sight = Projection(setup, size)
     places = np.stack(np.meshgrid(np.arange(-60, 61, 15.0), np.arange(-45, 46, 15.0)), -1).reshape(-1, 2)
     middle, radius = sight.outline
     angle, reach = random.uniform(0, 2 * np.pi, 60), 0.9 * np.sqrt(random.uniform(0, 1, 60))
@@ -57,8 +58,8 @@ def view_of(place, turn=None, seed=0, noise=0.05):
         for pixels, places in groups
     )
     scale = np.array(KNOWN.scale)
-    scale[AT.translation] *= pose[5]
-    start = Setup.of(setup.vector + 0.05 * scale * random.normal(size=COUNT))
+    scale[3:6] *= pose[5]
+    start = setup.at(setup.vector + 0.05 * scale * random.normal(size=25)[:16])
     return PhotoView(start, size, direct, through, turn)
 
 
@@ -73,12 +74,15 @@ def test_three_places_tell_more_than_one():
     found, covariance = joint.views[0].setup.vector[COMMON], joint.views[0].covariance[np.ix_(COMMON, COMMON)]
     errors = np.sqrt(np.diagonal(covariance))
     assert np.all(np.abs(found - truth) < 3 * errors)
-    assert errors[5] < 0.8 * min(one.errors.ior for one in single)
+    assert errors[5] < 0.8 * min(one.errors.glass.ior for one in single)
     # The third was taken with the camera turned: its own numbers are found, and its lens is that of the turned picture.
     third = joint.views[2]
-    np.testing.assert_allclose(third.setup.lens, views[2].turn(joint.views[0].setup.lens)[0], rtol=1e-12)
-    off = third.setup.own - np.concatenate([*PLACES[2], np.zeros(2)])
-    assert np.all(np.abs(off) <= 4 * third.errors.own)
+    np.testing.assert_allclose(
+        third.setup.vector[AT_LENS], views[2].turn(joint.views[0].setup.vector[AT_LENS])[0], rtol=1e-12
+    )
+    own = third.setup.places("turn", "shift", "center")
+    off = third.setup.vector[own] - np.concatenate(PLACES[2])
+    assert np.all(np.abs(off) <= 4 * third.errors.vector[own])
 
     # Two together are the two alone, of whose precisions what both were told before is taken off once. A plain mean
     # of the indices would have the radius's error halved, and it is common to both.
@@ -86,7 +90,7 @@ def test_three_places_tell_more_than_one():
     alone = [np.linalg.inv(one.covariance[np.ix_(COMMON, COMMON)]) for one in single]
     by_hand = np.linalg.inv(alone[0] + alone[1] - before)
     two = adjust(views[:2], KNOWN)
-    np.testing.assert_allclose(np.sqrt(two.covariance[AT.ior, AT.ior]), np.sqrt(by_hand[5, 5]), rtol=0.05)
+    np.testing.assert_allclose(np.sqrt(two.covariance[11, 11]), np.sqrt(by_hand[5, 5]), rtol=0.05)
 
 
 def test_the_error_budget_adds_up():
@@ -94,12 +98,12 @@ def test_the_error_budget_adds_up():
     once, twice = budget(adjust([view], KNOWN)), budget(adjust([view, view], KNOWN))
     for one in (once, twice):
         assert list(one.parts) == ["corners", "lens", "radius and ruler"] and min(one.parts.values()) > 0
-    whole = np.sqrt(adjust([view], KNOWN).covariance[AT.ior, AT.ior])
+    whole = np.sqrt(adjust([view], KNOWN).covariance[11, 11])
     np.testing.assert_allclose(np.linalg.norm([*once.parts.values()]), whole, rtol=1e-6)
     assert max(*once.exact.values(), once.fourfold) < whole
     # Four of the same picture are what the budget says of four.
     four = adjust([view] * 4, KNOWN)
-    np.testing.assert_allclose(np.sqrt(four.covariance[AT.ior, AT.ior]), once.fourfold, rtol=0.02)
+    np.testing.assert_allclose(np.sqrt(four.covariance[11, 11]), once.fourfold, rtol=0.02)
     exact = budget(adjust([view], known_before(KNOWN_LENS, {"radius": (RADIUS, 0.0)})))
     assert exact.parts["radius and ruler"] == pytest.approx(0, abs=1e-12) and exact.parts["lens"] > 0
     assert exact.exact["radius and ruler"] == pytest.approx(np.linalg.norm([*exact.parts.values()]), rel=1e-6)
@@ -108,7 +112,7 @@ def test_the_error_budget_adds_up():
     loose = budget(adjust(two, known_before(sure, {"radius": (RADIUS, 0.1 * RADIUS)}))).parts
     held = adjust(two, known_before(sure, {"radius": (RADIUS, 0.0)}))
     assert loose["lens"] == pytest.approx(0, abs=1e-9) and loose["radius and ruler"] > loose["corners"]
-    np.testing.assert_allclose(loose["corners"], np.sqrt(held.covariance[AT.ior, AT.ior]), rtol=0.05)
+    np.testing.assert_allclose(loose["corners"], np.sqrt(held.covariance[11, 11]), rtol=0.05)
 
 
 @pytest.mark.parametrize(
@@ -141,7 +145,7 @@ def test_three_turned_pictures_give_the_lens(board):
     aside = {"lookat": (0.0, 0.0, 0.0), "center": ((WIDTH - 1) / 2 + 0.01 * WIDTH, (HEIGHT - 1) / 2 - 0.008 * WIDTH)}
     stored = [boards.taken(boards.seen_by(boards.CAMERA | {"viewpoint": side} | aside, board), 3) for side in sides]
     pictures = [
-        photograph_of(np.moveaxis(TURNS[turn](np.moveaxis(image, 0, -1)), -1, 0), f"turn {turn}", turn)
+        photograph_of(np.moveaxis(upright(np.moveaxis(image, 0, -1), turn), -1, 0), f"turn {turn}", turn)
         for turn, image in zip((1, 3, 6), stored, strict=True)
     ]
     found = calibrate(pictures, board)
@@ -167,10 +171,10 @@ def found_cameras(monkeypatch, lens_of):
 
     def find(photograph, *_):
         lens = Turn(photograph.size_on_sensor, after=photograph.orientation).of(lens_of(photograph))
-        setup = setup_of([np.pi, next(sides), 0.3, 0, 0, 250], lens.mean, [0, 0, 0])
-        corners = Corners(Sight(setup, photograph.size).where(places), places, np.full(len(places), 0.01))
-        covariance = np.eye(16)
-        covariance[np.ix_(AT.lens, AT.lens)] = lens.covariance
+        setup = setup_of([np.pi, next(sides), 0.3, 0, 0, 250], lens.mean, [0, 0, 0]).beside
+        corners = Corners(Projection(setup, photograph.size).where(places), places, np.full(len(places), 0.01))
+        covariance = np.eye(11)
+        covariance[np.ix_(AT_LENS, AT_LENS)] = lens.covariance
         view = PhotoView(setup, photograph.size, corners, Corners.none())
         return FoundCamera(setup, covariance, (0.03, 0.0), corners, Corners.none(), view, 0.5)
 
@@ -202,8 +206,8 @@ def pictures_of_turned(monkeypatch, taken, lens, zoom=1.0):
         is_turned = photograph.name == "turned"
         seen_by = lens._replace(mean=lens.mean * [zoom, 1, 1, 1, 1]) if is_turned else lens
         truth = Turn(SIZE, after=taken if is_turned else 1).of(seen_by).mean
-        setup = setup_of([np.pi, *tilts[photograph.name], 0, 0, 250], truth, [0, 0, 0])
-        pixels = Sight(setup, photograph.size).where(places) + 0.03 * random.normal(size=places.shape)
+        setup = setup_of([np.pi, *tilts[photograph.name], 0, 0, 250], truth, [0, 0, 0]).beside
+        pixels = Projection(setup, photograph.size).where(places) + 0.03 * random.normal(size=places.shape)
         corners = Corners(pixels, places, np.full(len(places), 0.03))
         view = PhotoView(setup, photograph.size, corners, Corners.none())
         (done,) = adjust([view], known_before(known)).views
@@ -286,7 +290,7 @@ def test_a_folder_is_one_command(wide_board, tmp_path, monkeypatch, capsys):
         assert abs(number["value"] - value) < 3 * number["error"], name
     single = [told["photographs"][f"photos/{name}.png"]["alone"]["error"] for name in "abc"]
     assert told["parameters"]["index"]["error"] < 0.9 * min(single)
-    assert len(told["names"]) == len(set(told["names"])) == len(told["covariance"]) == COUNT + 3 * len(AT.own)
+    assert len(told["names"]) == len(set(told["names"])) == len(told["covariance"]) == 16 + 2 * 9 + 6
     assert "there is no ball before the board" in told["photographs"]["photos/d.png"]["no_ball"]
     assert "8 markers" in told["photographs"]["photos/grey.png"]["refused"]
     assert told["contradicted"] == []

@@ -18,7 +18,7 @@ from PIL import Image
 
 import raytrace_jax
 from raytrace_jax import RaytraceError, format_scene, read_exr
-from raytrace_jax.inverse.judge.assumptions import ModelCheck
+from raytrace_jax.inverse.judge.model_check import ModelCheck
 from raytrace_jax.inverse.result import ELLIPSE_95
 from raytrace_jax.report.fit_report.curves import draw_profile, ellipse
 from raytrace_jax.report.fit_report.figure import draw_report, residual_of
@@ -61,9 +61,9 @@ def test_the_files_hold_the_result(tmp_path):
     assert summary["parameters"]["vitreous.radius"]["standard_error"] is None
     assert summary["parameters"]["vitreous.radius"]["cramer_rao"] is None
     assert summary["correlation"] == {"names": list(result.names), "matrix": [[1.0, None], [None, 1.0]]}
-    assert summary["rms_residual"] == result.pictures.rms_residual
+    assert summary["rms_residual"] == result.rms_residual
     assert summary["condition_number"] is None and summary["reduced_chi_square"] is None
-    for entry, step in zip(summary["history"], result.history.steps, strict=True):
+    for entry, step in zip(summary["history"], result.steps, strict=True):
         assert entry == {**dataclasses.asdict(step), "value": step.value.tolist()}
     assert summary["settings"]["size"] == summary["provenance"]["target_size"] == [40, 30]
     assert summary["provenance"]["stages"] == {"up to the first step": 0.0, "blur 2 px": 0.5, "no blur": 1.0}
@@ -71,8 +71,8 @@ def test_the_files_hold_the_result(tmp_path):
     assert set(summary["versions"]) > {"jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "python"}
     assert summary["scene"] == (folder / "fit.txt").read_text() == format_scene(result.scene)
 
-    estimate = result.pictures.estimate
-    for name, image in (("fit.exr", estimate), ("residual.exr", estimate - result.pictures.target)):
+    estimate = result.image
+    for name, image in (("fit.exr", estimate), ("residual.exr", estimate - result.target)):
         picture = read_exr(folder / name)
         stored = np.stack([picture.channels[channel] for channel in "RGB"])
         np.testing.assert_array_equal(stored, image.astype(np.float32))
@@ -87,23 +87,22 @@ def test_json_holds_all_but_the_pictures(tmp_path):
     summary = read_summary(tmp_path)
     for name in ("sigma", "sigma_given", "reduced_chi_square", "condition_number", "weakest"):
         assert summary[name] == getattr(result.uncertainty, name)
-    assert (summary["advice"], summary["loss"]) == (result.advice, result.given.loss)
-    assert [entry["candidate"] for entry in summary["history"]] == [step.candidate for step in result.history.steps]
+    assert (summary["advice"], summary["loss"]) == (result.advice, result.loss)
+    assert [entry["candidate"] for entry in summary["history"]] == [step.candidate for step in result.steps]
     assert summary["priors"] == [{"name": "vitreous.radius", "mean": 2.3, "standard_deviation": 0.05}]
     assert summary["ties"] == [{"follower": "central.radius", "leader": "vitreous.radius"}]
-    for entry, minimum in zip(summary["runner_ups"], result.history.runner_ups, strict=True):
+    for entry, minimum in zip(summary["runner_ups"], result.runner_ups, strict=True):
         assert entry == {**dataclasses.asdict(minimum), "value": minimum.value.tolist()}
     for entry, profile in zip(summary["profiles"], result.profiles, strict=True):
         assert entry["name"] == profile.name and entry["value"] == profile.value.tolist()
         assert entry["chi_square"] == profile.chi_square.tolist() and entry["others"] == profile.others.tolist()
         assert entry["interval"] == [end if np.isfinite(end) else None for end in profile.interval]
-    parts = (result, result.ending, result.given, result.uncertainty, result.check, result.pictures, result.history)
-    fields = {field.name for part in parts for field in dataclasses.fields(part)}
-    pictures = {"target", "start", "estimate", "weights", "pictures"}
+    fields = {field.name for part in (result, result.uncertainty, result.check) for field in dataclasses.fields(part)}
+    pictures = {"target", "start_image", "image", "weights"}
     regrouped = {"names", "value", "resolution", "initial", "standard_error", "cramer_rao", "units", "assumptions"}
-    regrouped |= {"covariance", "undetermined", "pairs", "far_matters", "stated", "structure", "uncertainty", "check"}
-    regrouped |= {"steps", "ending", "given"}
-    added = {"parameters", "versions", "sensitivity", "uncertain", "rests_on", "depends_on", "correlation"}
+    regrouped |= {"covariance", "undetermined", "stated", "structure", "uncertainty", "check", "steps"}
+    regrouped |= {"distant_correlation", "is_structured"}
+    added = {"history", "parameters", "versions", "sensitivity", "uncertain", "rests_on", "depends_on", "correlation"}
     assert set(summary) == fields - pictures - regrouped | added
     assert summary["sensitivity"]["cyan.alpha"]["vitreous.ior"] == 0.001
     assert summary["uncertain"] == {"topright.location.x": 0.01}
@@ -115,7 +114,7 @@ def test_json_holds_all_but_the_pictures(tmp_path):
 
 def test_a_failure_leaves_no_old_pictures(tmp_path):
     fake_result().save(tmp_path)
-    broken = changed(fake_result("ambiguous"), pictures={"estimate": np.full((3, 30, 40), np.nan)})
+    broken = changed(fake_result("ambiguous"), image=np.full((3, 30, 40), np.nan))
     with pytest.raises(RaytraceError, match="NaN"):
         broken.save(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"result.json", "fit.txt"}
@@ -196,27 +195,26 @@ def test_figures_of_odd_profiles(chi_square, error):
 
 def test_few_pixels_hold_most_of_the_residual():
     result = fake_result()
-    pictures = result.pictures
-    off = np.array(pictures.target)
+    off = np.array(result.target)
     off[:, 3, :5] += 0.5  # Of which one does not count.
-    pictures = dataclasses.replace(pictures, estimate=off, weights=np.where(np.arange(40) == 2, 0.0, pictures.weights))
-    assert pictures.residual_pixels == 4
-    remark = facts(dataclasses.replace(result, pictures=pictures))["rms residual"][1]
+    result = dataclasses.replace(result, image=off, weights=np.where(np.arange(40) == 2, 0.0, result.weights))
+    assert result.residual_pixels == 4
+    remark = facts(result)["rms residual"][1]
     assert remark == "nine tenths of its square in 4 of 1,170 pixels, without blur"
-    for estimate in (None, pictures.target):
-        assert dataclasses.replace(pictures, estimate=estimate).residual_pixels == 0
+    for image in (None, result.target):
+        assert dataclasses.replace(result, image=image).residual_pixels == 0
 
 
 def test_masked_residuals_set_no_scale():
     result = fake_result()
-    image, weights = result.pictures.target.copy(), result.pictures.weights.copy()
+    image, weights = result.target.copy(), result.weights.copy()
     image[1, 2, 3] -= 4 / 255
     image[0, 5, 6] += 200 / 255
     weights[:, 5, 6] = 0
-    residual = residual_of(changed(result, pictures={"weights": weights}), image)
+    residual = residual_of(changed(result, weights=weights, image=image))
     assert residual.picture[2, 3] == pytest.approx(-4) and residual.limit == pytest.approx(4)
     assert residual.picture.mask.sum() == 1 and not residual.extends
-    nothing = residual_of(changed(result, pictures={"weights": np.zeros_like(weights)}), result.pictures.estimate)
+    nothing = residual_of(changed(result, weights=np.zeros_like(weights)))
     assert nothing.limit == 1 and nothing.picture.mask.all()
 
 
@@ -315,7 +313,7 @@ def test_the_methods_name_the_works():
 
 def test_a_number_for_all_channels_says_so():
     ties = (("film.gain.g", "film.gain.r"), ("film.gain.b", "film.gain.r"), ("a.center.y", "vitreous.ior"))
-    result = changed(fake_result(names=("vitreous.ior", "film.gain.r")), given={"ties": ties})
+    result = changed(fake_result(names=("vitreous.ior", "film.gain.r")), ties=ties)
     assert result.labels == ("vitreous.ior", "film.gain")
     assert "film.gain  " in result.summary() and "film.gain = " in methods_text(result)
     assert result["film.gain.r"].value == result.value[1]

@@ -18,8 +18,8 @@ from PIL import Image
 from raytrace_jax import __version__, format_scene
 from raytrace_jax.inverse.result import Status
 from raytrace_jax.report.fit_report.figure import COLOURS, draw_report
+from raytrace_jax.report.fit_report.folder import render_page
 from raytrace_jax.report.fit_report.methods import methods_text
-from raytrace_jax.report.fit_report.page import render_page
 
 VOID = {"meta", "link", "img", "br", "wbr"}
 HOSTILE = ("<script>alert(1)</script>", '"><img src=x onerror=alert(2)>', "a&amp;b$_{x}$c$\\frac$", "{{7*7}}.水'.ior")
@@ -87,10 +87,10 @@ def test_the_pictures_are_the_result_s():
     result = full_result()
     stored = base64.b64decode(Page(whole_page()).images()[0]["src"].partition(",")[2])
     np.testing.assert_array_equal(
-        np.asarray(Image.open(io.BytesIO(stored))), np.floor(255 * result.pictures.target).T.swapaxes(0, 1)
+        np.asarray(Image.open(io.BytesIO(stored))), np.floor(255 * result.target).T.swapaxes(0, 1)
     )
     many = np.zeros((3, 2, 3300))
-    large = changed(result, pictures={"target": many, "estimate": many, "start": many, "weights": many + 1})
+    large = changed(result, target=many, image=many, start_image=many, weights=many + 1)
     assert [int(image["width"]) for image in page_of(large).images()[:4]] == [1100] * 4
 
 
@@ -164,7 +164,7 @@ def test_every_status_has_its_colour():
 @pytest.mark.filterwarnings("error")
 def test_hostile_names_and_scenes_are_text(tmp_path):
     result = full_result(names=HOSTILE)
-    result = changed(result, ending={"message": "</p><b>", "advice": "<i>"}, uncertainty={"weakest": "<u>"})
+    result = changed(result, message="</p><b>", advice="<i>", uncertainty={"weakest": "<u>"})
     result.save(tmp_path)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert not {"script", "b", "i", "u"} & {tag for tag, _ in page.elements}

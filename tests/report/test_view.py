@@ -24,7 +24,7 @@ from raytrace_jax.images.transfer import encode_course
 from raytrace_jax.report.derivatives import scale_limit
 from raytrace_jax.report.live import Slider, Studio, answer, make_server, render_page, scale_of
 from raytrace_jax.report.panels import signed_pixels
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import ResolvedSettings
 
 SETTINGS = ResolvedSettings(size=(40, 30), max_bounces=2)
 SLIDERS = Slider("vitreous.ior", 1.0, 2.4), Slider("vitreous.center.x", 2.0, 6.0)

@@ -11,8 +11,15 @@ from scenes import assignment_scene
 from scipy import ndimage
 
 from raytrace_jax import ParameterError, RenderSettings, picture_derivatives, render, set_parameters
-from raytrace_jax.scene.response import FILM_EFFECTS, LEAST_LIGHT, Frame, develop, neutral_response, without_idle
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.scene.response import (
+    LEAST_LIGHT,
+    RESPONSE_EFFECTS,
+    Frame,
+    apply_response,
+    neutral_response,
+    without_idle,
+)
+from raytrace_jax.tracer.settings import resolve_settings
 
 WHOLE = Frame(0, 0, 1, 32, 24)
 LIGHT = ndimage.gaussian_filter(np.random.default_rng(0).uniform(0, 1, (3, 24, 32)), (0, 1, 1), mode="nearest")
@@ -33,18 +40,18 @@ def film_with(**values):
 
 
 def developed(image=LIGHT, frame=WHOLE, **values):
-    return np.asarray(develop(jnp.asarray(image), without_idle(film_with(**values)), frame))
+    return np.asarray(apply_response(jnp.asarray(image), without_idle(film_with(**values)), frame))
 
 
 def test_the_table_has_every_film_effect():
-    assert {effect.name for effect in FILM_EFFECTS} == set(VALUES)
+    assert {effect.name for effect in RESPONSE_EFFECTS} == set(VALUES)
     fields = [field.name for field in dataclasses.fields(neutral_response(np.dtype(np.float64)))]
-    assert fields == ["name", *(effect.name for effect in FILM_EFFECTS)]
+    assert fields == ["name", *(effect.name for effect in RESPONSE_EFFECTS)]
 
 
 @pytest.mark.slow
 def test_a_neutral_film_does_nothing():
-    found = np.asarray(develop(jnp.asarray(LIGHT), neutral_response(np.dtype(np.float64)), WHOLE))
+    found = np.asarray(apply_response(jnp.asarray(LIGHT), neutral_response(np.dtype(np.float64)), WHOLE))
     np.testing.assert_allclose(found, LIGHT, atol=1e-14)
     assert developed() is not None and np.array_equal(developed(), LIGHT)
 
@@ -103,7 +110,7 @@ def test_gamma_is_linear_near_zero():
 )
 def test_derivatives_are_finite_differences(name, at):
     """By the effect's numbers and by the light, forward and reverse; at its default, and where there is no light."""
-    (effect,) = [effect for effect in FILM_EFFECTS if effect.name == name]
+    (effect,) = [effect for effect in RESPONSE_EFFECTS if effect.name == name]
     value = jnp.asarray(effect.neutral if at == "default" else VALUES[name], jnp.float64)
     light = jnp.asarray(np.where(np.arange(32) < 3, 0.0, LIGHT))
     random = np.random.default_rng(1)
@@ -112,7 +119,7 @@ def test_derivatives_are_finite_differences(name, at):
 
     def total(value, light):
         film = dataclasses.replace(without_idle(film_with()), **{name: value})
-        return jnp.sum(weight * develop(light, film, WHOLE))
+        return jnp.sum(weight * apply_response(light, film, WHOLE))
 
     def moved(step):
         return total(value + step * by_value, light + step * by_light)
@@ -129,7 +136,7 @@ def test_derivatives_are_finite_when_dark():
     black = jnp.zeros((3, 24, 32))
 
     def total(film, light):
-        return jnp.sum(develop(light, film, WHOLE))
+        return jnp.sum(apply_response(light, film, WHOLE))
 
     gradient = jax.grad(total, (0, 1))(film, black)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient))
@@ -144,9 +151,9 @@ def test_a_scene_is_rendered_with_its_film():
     found = render(filmed, SETTINGS)
     film = without_idle(filmed.film)
     frame = resolve_settings(scene, SETTINGS).frame(scene.camera.pixeldim)
-    np.testing.assert_allclose(found.image, develop(plain, film, frame), atol=1e-12)
+    np.testing.assert_allclose(found.image, apply_response(plain, film, frame), atol=1e-12)
     light, traced = (jax.jit(functools.partial(render, settings=SETTINGS))(each) for each in (scene, filmed))
-    off = np.abs(np.asarray(traced.image - develop(light.image, film, frame)))
+    off = np.abs(np.asarray(traced.image - apply_response(light.image, film, frame)))
     assert np.median(off) < 1e-14, "but around pixels on an edge, where rounding decides"
 
 

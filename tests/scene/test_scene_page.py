@@ -9,8 +9,7 @@ from scenes import DATA, assert_same_scene
 
 from raytrace_jax import parse_scene
 from raytrace_jax.scene.table import BLOCK_TYPES
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.settings import MODEL_RULES
+from raytrace_jax.tracer.settings import MODEL_RULES, ResolvedSettings
 
 PAGE = (DATA.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
 (EXAMPLE,) = re.findall(r"```\n(settings .*?)```", PAGE, re.DOTALL)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import raytrace_jax as rj
-from raytrace_jax.tracer.resolved_settings import FILE_SETTINGS, ResolvedSettings, resolve_settings
+from raytrace_jax.scene.structs import FileSettings
+from raytrace_jax.tracer.settings import ResolvedSettings, resolve_settings
 
 BOARD = """
 settings main { model physical max_bounces 1 edges point samples 1 }
@@ -33,8 +34,9 @@ def test_unset_settings_come_from_the_file(board):
 
 
 def test_every_setting_can_be_overridden(board):
-    assert set(FILE_SETTINGS) <= {field.name for field in dataclasses.fields(rj.RenderSettings)}
-    assert all(getattr(rj.RenderSettings(), name) is None for name in FILE_SETTINGS)
+    of_file = {field.name for field in dataclasses.fields(FileSettings)} - {"name"}
+    assert of_file <= {field.name for field in dataclasses.fields(rj.RenderSettings)}
+    assert all(getattr(rj.RenderSettings(), name) is None for name in of_file)
     assert resolve_settings(board) == ResolvedSettings(model="physical", max_bounces=1, edges="point")
     more = rj.RenderSettings(
         max_bounces=3, edges="aware", samples=2, mapping="corner", path_limit=9.0, least_weight=0.1

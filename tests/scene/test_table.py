@@ -15,7 +15,7 @@ from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, SHAPE_KEYWORDS
 from raytrace_jax.tracer.geometry.camera import DIRECTIONS
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES
-from raytrace_jax.tracer.levels.level import MODELS
+from raytrace_jax.tracer.level import MODELS
 from raytrace_jax.tracer.settings import MODEL_RULES
 
 KINDS = [kind for kinds in BLOCK_TYPES.values() for kind in kinds]

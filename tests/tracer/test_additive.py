@@ -14,7 +14,7 @@ from scenes import DATA, numbers, random_ball, random_plane, sphere
 
 import raytrace_jax as rj
 from raytrace_jax.report.differences import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import ResolvedSettings
 
 SIZE = (24, 18)
 HOW = rj.RenderSettings(size=SIZE, model="additive", edges="point")

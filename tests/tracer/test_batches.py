@@ -1,5 +1,6 @@
 """Points in batches, whose room changes no picture; how often JAX traces a level, and how large programs are."""
 
+import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -9,10 +10,9 @@ import pytest
 from posing import posed_problem
 from scenes import assignment_scene, resolved
 
-from raytrace_jax import render, set_parameters
+from raytrace_jax import picture_derivatives, render, set_parameters
 from raytrace_jax.scene.scene import map_scenes
-from raytrace_jax.tracer import batches, pixels
-from raytrace_jax.tracer.levels import level
+from raytrace_jax.tracer import batches, level, pixels
 from raytrace_jax.tracer.pixels import differentiate_batches, picture_pixels, pixel_colors
 
 SETTINGS = resolved(size=(24, 18), crop=(1, 0, 22, 18), max_bounces=2, edges="point")
@@ -32,6 +32,18 @@ def test_little_room_gives_the_same_picture(edges, monkeypatch):
     np.testing.assert_allclose(*pictures, atol=1e-12)
     if edges == "point":
         np.testing.assert_allclose(pictures[0], np.asarray(render(scene, SETTINGS).image).reshape(3, -1), atol=1e-12)
+
+
+def test_derivatives_are_traced_until_no_pixel_lacks_room():
+    scene = assignment_scene()
+    little, enough = (
+        picture_derivatives(
+            scene, ["vitreous.radius"], dataclasses.replace(SETTINGS, edges="aware", rays_per_pixel=rays)
+        )
+        for rays in (1.0, None)
+    )
+    np.testing.assert_allclose(little.image, enough.image, atol=1e-12)
+    np.testing.assert_allclose(little.values, enough.values, atol=1e-10)
 
 
 def test_other_renders_change_nothing():

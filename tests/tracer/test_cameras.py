@@ -29,8 +29,8 @@ def test_footprints_are_ray_differences():
     for k, (across, down) in enumerate(((step, 0), (0, step))):
         ahead = rays_of(scene.camera, looks, column + across, row + down).d
         behind = rays_of(scene.camera, looks, column - across, row - down).d
-        np.testing.assert_allclose(rays.beam.footprint.d[k], (ahead - behind) / (2 * step), atol=1e-9)
-        np.testing.assert_array_equal(rays.beam.footprint.o[k], 0)
+        np.testing.assert_allclose(rays.footprint.d[k], (ahead - behind) / (2 * step), atol=1e-9)
+        np.testing.assert_array_equal(rays.footprint.o[k], 0)
 
 
 @pytest.mark.slow

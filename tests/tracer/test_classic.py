@@ -10,7 +10,7 @@ from numpy_tracer import NumpyTracer
 from scenes import assignment_scene, random_scene, rows_last
 
 from raytrace_jax import render, set_parameters
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import ResolvedSettings
 
 SIZE = (48, 36)
 SEEDS = st.integers(0, 2**32 - 1)

@@ -15,7 +15,7 @@ from raytrace_jax import RenderSettings, set_parameters
 from raytrace_jax.report import differences
 from raytrace_jax.report.derivatives import check_derivative, draw_gradients
 from raytrace_jax.report.differences import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.derivatives import PictureDerivatives
+from raytrace_jax.tracer.rendering import PictureDerivatives
 from raytrace_jax.util.compilation import jit
 
 SETTINGS = rj.RenderSettings(size=(24, 18), max_bounces=2, edges="point")

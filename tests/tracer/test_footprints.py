@@ -11,10 +11,9 @@ from scenes import assignment_scene, camera_rays, resolved
 
 from raytrace_jax import RenderSettings, optics, parse_scene, render, set_parameters
 from raytrace_jax.scene.scene import least_distance
+from raytrace_jax.tracer.geometry.footprints import mean, positive_fractions, transport
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import take
-from raytrace_jax.tracer.shading.quadrature import mean, positive_fractions
-from raytrace_jax.tracer.visibility.footprints import transport
 from raytrace_jax.tracer.visibility.look import find_two_nearest
 from raytrace_jax.tracer.world import prepare_world
 
@@ -37,7 +36,7 @@ def test_the_loop_finds_the_two_nearest(unroll):
     for most in (12, 0):
         unroll(most)
         two_nearest = jax.jit(
-            lambda world, rays: find_two_nearest(world.shapes, rays, live, live, least_distance(world.unit), AWARE)
+            lambda world, rays: find_two_nearest(world.shapes, rays, live, live, least_distance(world.unit))
         )
         found.append(two_nearest(world, rays))
     for straight, looped in zip(*found, strict=True):
@@ -50,15 +49,15 @@ def test_the_loop_finds_the_two_nearest(unroll):
 def test_hits_move_as_the_camera_rays_do():
     world, rays = some_world(), some_rays()
     live = jnp.full(50, True)
-    hits = jax.jit(lambda world, rays: intersect(world.shapes, rays, live, world.unit, AWARE))(world, rays)
+    hits = jax.jit(lambda world, rays: intersect(world.shapes, rays, live, world.unit))(world, rays)
     shape = take(world.shapes, hits.shape)
     p_axes, d_axes = transport(rays, hits, shape, lambda d, n: (optics.reflect(d, n),))
     step = 1e-6
     for k in range(2):
         ends = []
         for sign in (1, -1):
-            d = rays.d + sign * step * rays.beam.footprint.d[k]
-            hit = intersect(world.shapes, eqx.tree_at(lambda r: r.d, rays, d), live, world.unit, AWARE)
+            d = rays.d + sign * step * rays.footprint.d[k]
+            hit = intersect(world.shapes, eqx.tree_at(lambda r: r.d, rays, d), live, world.unit)
             ends.append((hit.shape, hit.p, optics.reflect(d, hit.n)))
         smooth = np.asarray((ends[0][0] == hits.shape) & (ends[1][0] == hits.shape) & hits.valid)
         assert smooth.sum() > 30

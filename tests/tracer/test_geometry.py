@@ -1,5 +1,7 @@
 """Which surface a ray meets first, where, and what belongs to it: against brute force; and derivatives of that."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,8 +17,8 @@ from raytrace_jax.scene.scene import least_distance
 from raytrace_jax.tracer.geometry import intersection, shape_types
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take, unpacked
 from raytrace_jax.tracer.geometry.shape_types import scene_shapes as shapes_of
-from raytrace_jax.tracer.levels.integrator import compact, running_count
-from raytrace_jax.tracer.levels.level import point_level
+from raytrace_jax.tracer.integrator import compact, running_count
+from raytrace_jax.tracer.level import point_level
 from raytrace_jax.tracer.world import prepare_world
 
 SETTINGS = resolved()
@@ -24,12 +26,12 @@ SEEDS = st.integers(0, 2**32 - 1)
 COUNT = 256
 ONE = jnp.ones(())
 
-intersect_compiled = jax.jit(intersection.intersect, static_argnames="settings")
-scene_shapes = jax.jit(shapes_of)
+intersect_compiled = jax.jit(intersection.intersect)
+scene_shapes = jax.jit(functools.partial(shapes_of, settings=SETTINGS))
 
 
-def find_nearest(shapes, rays, settings=SETTINGS):
-    return intersection.find_nearest(shapes, rays, jnp.ones_like(rays.inside), ONE.astype(rays.o.dtype), settings)
+def find_nearest(shapes, rays):
+    return intersection.find_nearest(shapes, rays, jnp.ones_like(rays.inside), ONE.astype(rays.o.dtype))
 
 
 def nearest(shapes, rays):
@@ -40,7 +42,7 @@ def nearest(shapes, rays):
 @jax.jit
 def children_of(scene, rays):
     """The rays that all hits of `rays` send on."""
-    level = point_level(prepare_world(scene, SETTINGS), rays, jnp.ones(COUNT, bool), SETTINGS)
+    level = point_level(prepare_world(scene, SETTINGS), rays, jnp.ones(COUNT, bool))
     rays, slot, count = compact(level.children, jnp.ones(COUNT, jnp.int32))
     return unpacked(rays), jnp.arange(slot.size, dtype=jnp.int32) < count
 
@@ -67,7 +69,7 @@ def random_rays(seed, dtype=jnp.float64):
 
 
 def shoot(scene, rays):
-    return intersect_compiled(scene_shapes(scene), rays, jnp.ones(rays.o.shape[1], bool), ONE, SETTINGS)
+    return intersect_compiled(scene_shapes(scene), rays, jnp.ones(rays.o.shape[1], bool), ONE)
 
 
 def scene_of(*shapes):
@@ -115,7 +117,7 @@ def test_a_spawned_ray_misses_its_origin(dtype, seed):
     """A child of a sphere meets that sphere again only at the end of its chord, a child of a plane that plane never."""
     scene = random_scene(seed, dtype=dtype)
     rays, live = children_of(scene, random_rays(seed, dtype))
-    hits = intersect_compiled(scene_shapes(scene), rays, live, jnp.ones((), dtype), SETTINGS)
+    hits = intersect_compiled(scene_shapes(scene), rays, live, jnp.ones((), dtype))
     again = np.asarray(hits.valid & (hits.shape == rays.origin_shape))
     is_sphere = np.asarray([kind == "sphere" for kind in scene_shapes(scene).types])
     assert np.all(is_sphere[np.asarray(hits.shape)[again]])
@@ -177,7 +179,7 @@ def test_a_plane_normal_has_any_length(length):
     np.testing.assert_allclose(scene_shapes(scene).normal[:, 0], [1 / 3, -2 / 3, 2 / 3], rtol=1e-15)
 
     def normal(direction):
-        return shapes_of(eqx.tree_at(lambda s: s.planes.normal, scene, direction)).normal
+        return shapes_of(eqx.tree_at(lambda s: s.planes.normal, scene, direction), SETTINGS).normal
 
     # Turned towards x: the change is what is perpendicular to the normal.
     _, forward = jax.jit(lambda *x: jax.jvp(normal, x[:1], x[1:]))(
@@ -209,7 +211,7 @@ def test_a_miss_has_bounded_numbers():
     scene = scene_of(sphere("tiny", "0 0 -5", 0.001), plane("floor", "0 1 0", "0 0 0"))
     # Past both; at the floor, but farther than 100; a hit, but not of a live ray.
     rays = free_rays([0, 1, 0], np.transpose([[0, 1, 0], [0, -1e-5, -1], [0, -1, -1]]))
-    hits = intersect_compiled(scene_shapes(scene), rays, jnp.asarray([True, True, False]), ONE, SETTINGS)
+    hits = intersect_compiled(scene_shapes(scene), rays, jnp.asarray([True, True, False]), ONE)
     assert not hits.valid.any()
     np.testing.assert_array_equal(hits.t, 1)
     assert np.all(np.linalg.norm(hits.n, axis=0) <= 1 + 1e-14)

@@ -18,7 +18,7 @@ from scenes import scaled_scene
 import raytrace_jax as rj
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import pixel_colors
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
+from raytrace_jax.tracer.settings import ResolvedSettings, resolve_settings
 
 PICTURES = Path(__file__).parents[1] / "physical_pictures"
 EYE = Camera((24, 18), (0.3, 0.2, 5), (0, 0, 0), (0, 1, 0), 30)

@@ -14,7 +14,7 @@ from raytrace_jax import RaytraceError, RenderSettings, load_scene, parse_scene,
 from raytrace_jax.optics import AIR_IOR
 from raytrace_jax.report.rays import draw_tree
 from raytrace_jax.tracer.ray_tree import trace_tree
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import ResolvedSettings
 
 SIZE = (40, 30)
 SETTINGS = ResolvedSettings(size=SIZE)

@@ -10,7 +10,7 @@ import pytest
 
 import raytrace_jax as rj
 from raytrace_jax import build
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.settings import resolve_settings
 from raytrace_jax.tracer.world import prepare_world
 
 # Of light that is reflected twice nothing is seen.

@@ -17,8 +17,7 @@ from user_loops import SCENE
 
 from raytrace_jax.inverse.problem.problem import values_and_slopes
 from raytrace_jax.inverse.problem.unknowns import Transform, Unknowns
-from raytrace_jax.util.compilation import forget_programs, jit
-from raytrace_jax.util.kept_programs import keep_programs
+from raytrace_jax.util.compilation import forget_programs, jit, keep_programs
 
 
 def scaled(x, table, power):
@@ -112,7 +111,7 @@ def test_least_recent_programs_are_deleted(kept, monkeypatch):
     old = kept / "programs" / "of-another-version" / "linearize-0"
     old.parent.mkdir(parents=True)
     for most, left in ((0, 0), (1_000_000, 2)):
-        monkeypatch.setattr("raytrace_jax.util.kept_programs.MOST_BYTES", most)
+        monkeypatch.setattr("raytrace_jax.util.compilation.MOST_BYTES", most)
         old.write_bytes(b"old")
         anew()
         assert len(files(kept)) == left

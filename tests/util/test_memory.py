@@ -11,7 +11,7 @@ from fake_fit import VITREOUS
 from scenes import resolved
 
 from raytrace_jax import PictureError, fit, load_scene, picture_derivatives, render
-from raytrace_jax.tracer.radiance import refuse_too_large
+from raytrace_jax.tracer.pixels import refuse_too_large
 from raytrace_jax.util import session
 
 LARGE = resolved(size=(32768, 32768))

@@ -10,7 +10,7 @@ from command_line import run
 from raytrace_jax import enable_compile_cache
 from raytrace_jax.util import cache_folder as folders
 from raytrace_jax.util import session
-from raytrace_jax.util.kept_programs import keep_programs
+from raytrace_jax.util.compilation import keep_programs
 
 
 @pytest.fixture

@@ -9,15 +9,13 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from ...batch import cluster
 from ...batch.jobs import Job, expand, labelled
 from ...batch.plan import read_plan
 from ...batch.plan_file import PlanError
-from ...batch.run import JobRecord, is_done, other_records, run_and_record, write_plan
+from ...batch.run import JobRecord, is_done, other_records, run_and_record, run_on_workers, write_plan
 from ...batch.table import make_table, remove_tables, write_overview, write_table
 from ...errors import RaytraceError, reworded
 from ...util.files import json_text
-from ...util.session import jax_session
 from ...util.text import install
 from ..console import UsageError, print_warning, stderr_console
 from ..options.fits import Batch
@@ -33,29 +31,27 @@ def run_batch(command: Batch) -> int:
     on_workers = command.workers is not None or command.scheduler is not None
     if on_workers and importlib.util.find_spec("distributed") is None:
         raise RaytraceError(f"--workers and --scheduler need dask.distributed: {install('batch')}")
-    # One core a job: its numbers, to the last bit, do not depend on how many cores there are.
-    with jax_session(64, devices=1):
-        with reworded(UsageError, PlanError):
-            plan = read_plan(command.plan)
-        jobs = labelled(expand(plan))
+    with reworded(UsageError, PlanError):
+        plan = read_plan(command.plan)
+    jobs = labelled(expand(plan))
 
-        # A job that stands twice in the plan is run once; the folder may hold the jobs of other plans.
-        folder = command.output.absolute()
-        distinct = list({job.name: job for job in jobs}.values())
-        todo = [job for job in distinct if not is_done(folder, job)]
-        console = stderr_console(quiet=command.quiet)
-        others = other_records(folder, jobs)
-        if others:
-            console.print(f"{command.output}: {others} of the jobs here belong to other plans and are left as they are")
-        with BatchProgress(todo, len(distinct) - len(todo), console) as show:
-            if todo:
-                write_plan(folder, command.plan)
-                remove_tables(folder)
-            if on_workers and todo:
-                cluster.run_on_workers(todo, folder, command.workers, command.scheduler, show.done)
-            else:
-                for job in todo:
-                    show.done(job, run_and_record(job, folder))
+    # A job that stands twice in the plan is run once; the folder may hold the jobs of other plans.
+    folder = command.output.absolute()
+    distinct = list({job.name: job for job in jobs}.values())
+    todo = [job for job in distinct if not is_done(folder, job)]
+    console = stderr_console(command.quiet)
+    others = other_records(folder, jobs)
+    if others:
+        console.print(f"{command.output}: {others} of the jobs here belong to other plans and are left as they are")
+    with BatchProgress(todo, len(distinct) - len(todo), console) as show:
+        if todo:
+            write_plan(folder, command.plan)
+            remove_tables(folder)
+        if on_workers and todo:
+            run_on_workers(todo, folder, command.workers, command.scheduler, show.done)
+        else:
+            for job in todo:
+                show.done(job, run_and_record(job, folder))
 
     # The table and the overview are of all jobs of the plan, also of those that were done before.
     rows = make_table(jobs, folder)

@@ -7,8 +7,7 @@ import numpy as np
 from PIL import Image
 
 from ...errors import RaytraceError
-from ...photo.board_pattern import Pattern
-from ...photo.boards import LEAST_CORNERS, opencv
+from ...photo.boards import LEAST_CORNERS, Pattern, opencv
 from ...report import board_sheet
 from ...scene.schema import is_name
 from ...util.files import atomic_write, write_text

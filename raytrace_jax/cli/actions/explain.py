@@ -13,33 +13,31 @@ from ...report.rays import draw_tree
 from ...scene.parameters import blocks_of, get_parameter, material_of, scalar_names
 from ...scene.scene import Scene
 from ...scene.setting_words import ModelName
-from ...tracer.ray_tree import RayNode, RayTree, trace_tree
+from ...tracer.ray_tree import RayNode, trace_tree
 from ...util.files import atomic_write, json_text, write_text
-from ...util.session import jax_session
 from ...util.text import parse_number
-from .. import preparation
 from ..console import UsageError, blamed_on, print_table, stderr_console
 from ..options import split_assignment
 from ..options.scenes import Rays, Teach, View
+from ..preparation import check_folder, check_picture_path, check_single, read_picture_scene, warn_of_shared_materials
 from ..progress import Timer
 
 
 def run_rays(command: Rays) -> None:
-    preparation.check_picture_path(command.output, (".svg", ".png"))
-    with jax_session(command.render.precision):
-        # A tree is that of one ray, whatever the scene's file says; more samples that were asked for are refused.
-        samples = command.render.samples or 1
-        scene, settings = preparation.read_picture_scene(command, edges="point", samples=samples)
-        with blamed_on():
-            tree = trace_tree(scene, command.pixel, settings)
-        column, row = tree.pixel
-        rays, color = _count(len(tree.nodes)), _color(tree.nodes[0])
-        title = f"pixel {column} {row} of {command.scene.name}: {rays}, colour {color}"
-        # A path through glass splits at every surface: of the 33 rays behind pixel 360 220 of `bubble` 18 count less,
-        # too little to see in a picture.
-        least = 0.005 if settings.model == "physical" else 0.0
-        least = least if command.least_drawn is None else command.least_drawn
-        figure = draw_tree(tree, scene, title, settings, least)
+    check_picture_path(command.output, (".svg", ".png"))
+    # A tree is that of one ray, whatever the scene's file says; more samples that were asked for are refused.
+    samples = command.render.samples or 1
+    scene, settings = read_picture_scene(command, edges="point", samples=samples)
+    with blamed_on():
+        tree = trace_tree(scene, command.pixel, settings)
+    column, row = tree.pixel
+    rays, color = _count(len(tree.nodes)), _color(tree.nodes[0])
+    title = f"pixel {column} {row} of {command.scene.name}: {rays}, colour {color}"
+    # A path through glass splits at every surface: of the 33 rays behind pixel 360 220 of `bubble` 18 count less,
+    # too little to see in a picture.
+    least = 0.005 if settings.model == "physical" else 0.0
+    least = least if command.least_drawn is None else command.least_drawn
+    figure = draw_tree(tree, scene, title, settings, least)
 
     # The file is written before anything is said on stdout.
     with atomic_write(command.output) as temporary:
@@ -51,10 +49,14 @@ def run_rays(command: Rays) -> None:
         sys.stdout.write(json_text({"output": command.output, **told}))
     else:
         print(command.output)
-        print_rays(tree)
+        # Lengths are in world units, weights those of the largest channel.
+        rows = [_cells(node) for node in tree.nodes]
+        left_out = () if any(node.medium for node in tree.nodes) else ("medium", "absorbed")
+        headers = tuple(name for name in rows[0] if name not in left_out)
+        print_table("rays: angles in degrees", headers, [tuple(row[name] for name in headers) for row in rows])
 
     # What the drawing or the tree leaves out is said on stderr.
-    console, drawn = stderr_console(quiet=command.quiet), sum(node.weight >= least for node in tree.nodes)
+    console, drawn = stderr_console(command.quiet), sum(node.weight >= least for node in tree.nodes)
     if drawn < len(tree.nodes):
         console.print(f"{drawn} of {rays} are drawn, which count {least:g} or more; --least-drawn 0 draws all")
     if tree.dropped:
@@ -62,15 +64,8 @@ def run_rays(command: Rays) -> None:
         console.print(f"{_count(tree.dropped)} beyond {limit}, not traced and taken as black")
 
 
-def print_rays(tree: RayTree) -> None:
-    """Print a line for each ray on stdout: lengths in world units, weights of the largest channel."""
-    rows = [_cells(node) for node in tree.nodes]
-    left_out = () if any(node.medium for node in tree.nodes) else ("medium", "absorbed")
-    headers = tuple(name for name in rows[0] if name not in left_out)
-    print_table("rays: angles in degrees", headers, [tuple(row[name] for name in headers) for row in rows])
-
-
 def _cells(node: RayNode) -> dict[str, str]:
+    """The line of a ray in the table: texts by their headers."""
     parent = "-" if node.parent is None else str(node.parent)
     cells = {"ray": str(node.number), "from": parent, "kind": node.kind, "hits": node.shape or "nothing"}
     cells |= dict.fromkeys(("distance", "path", "incident", "refracted", "reflect", "transmit"), "-")
@@ -94,21 +89,20 @@ def _count(rays: int) -> str:
 
 def run_view(command: View) -> None:
     asked = [parse_slider(text) for text in command.over]
-    with jax_session(command.render.precision):
-        scene, settings = preparation.read_picture_scene(command)
-        for slider in asked:
-            option = f"--over {slider.name}={slider.start:g}:{slider.stop:g}"
-            preparation.check_single(scene, slider.name, option)
-            value = float(get_parameter(scene, slider.name))
-            if not slider.start <= value <= slider.stop:
-                raise UsageError(f"{option}: the scene has {value:g}, which lies outside.")
-        sliders = tuple(asked) or first_glass(scene, settings.model)
-        scalar_names(scene, [slider.name for slider in sliders])  # Refuses one that comes twice.
-        preparation.warn_of_shared_materials(scene, [slider.name for slider in sliders])
-        studio = Studio(scene, settings, sliders, screen_transfer(settings), command.edges)
-        with make_server(studio, command.scene.stem, command.port) as server:
-            print(f"http://{HOST}:{server.server_port}/", flush=True)
-            server.serve_forever()
+    scene, settings = read_picture_scene(command)
+    for slider in asked:
+        option = f"--over {slider.name}={slider.start:g}:{slider.stop:g}"
+        check_single(scene, slider.name, option)
+        value = float(get_parameter(scene, slider.name))
+        if not slider.start <= value <= slider.stop:
+            raise UsageError(f"{option}: the scene has {value:g}, which lies outside.")
+    sliders = tuple(asked) or first_glass(scene, settings.model)
+    scalar_names(scene, [slider.name for slider in sliders])  # Refuses one that comes twice.
+    warn_of_shared_materials(scene, [slider.name for slider in sliders])
+    studio = Studio(scene, settings, sliders, screen_transfer(settings), command.edges)
+    with make_server(studio, command.scene.stem, command.port) as server:
+        print(f"http://{HOST}:{server.server_port}/", flush=True)
+        server.serve_forever()
 
 
 def parse_slider(text: str) -> Slider:
@@ -141,10 +135,10 @@ def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
 
 def run_teach(command: Teach) -> None:
     drawn = {name: draw for name, draw in LESSONS.items() if name in (command.only or LESSONS)}
-    preparation.check_folder(command.output)
-    timer = Timer("drawing", stderr_console(quiet=command.quiet))
+    check_folder(command.output)
+    timer = Timer("drawing", stderr_console(command.quiet))
     # A display on stderr would catch what is printed on stdout.
-    with contextlib.nullcontext() if timer.display else timer, jax_session(64):
+    with contextlib.nullcontext() if timer.display else timer:
         for number, (name, draw) in enumerate(drawn.items(), start=1):
             figure = draw()
             for suffix in ("png", *command.also):

@@ -13,25 +13,22 @@ from jaxtyping import Float
 
 from ...errors import PictureError
 from ...images import Transfer, exif, jpeg, masks, pictures
-from ...images.transfer import DECODERS, ENCODERS
+from ...images.transfer import DECODERS, ENCODERS, Colours
 from ...inverse.build_problem import as_file_says, asked_for, build_problem
 from ...inverse.estimate import fit
-from ...inverse.observe.sampling import supersampled
 from ...inverse.options import FitOptions
-from ...inverse.result import last_word
+from ...inverse.problem.sampling import supersampled
+from ...inverse.result import estimate_table, last_word
 from ...inverse.result_file import save_record
-from ...inverse.result_rows import estimate_table
-from ...report.fit_report.numbers import write_numbers
-from ...report.fit_report.summary import AFTER
+from ...report.fit_report.summary import AFTER, write_numbers
 from ...scene.bundled import scene_path
 from ...scene.parameters import parse_assignment, set_parameters
 from ...scene.scene import PerspectiveCamera, Scene
 from ...scene.structs import USUAL_FOV
-from ...tracer.radiance import refuse_too_large
-from ...tracer.resolved_settings import ResolvedSettings
-from ...util.background import run_beside
+from ...tracer.pixels import refuse_too_large
+from ...tracer.settings import ResolvedSettings
+from ...util.background import Clock, run_beside
 from ...util.numerics import TINY
-from ...util.session import jax_session
 from ..console import TYPED, UsageError, print_table, print_warning, stderr_console
 from ..options.fits import Fit
 from ..preparation import check_folder, read_picture_scene, warn_of_shared_materials
@@ -40,7 +37,7 @@ from ..progress import FitProgress, Timer
 
 def read_target(
     command: Fit, scene: Scene, settings: ResolvedSettings, options: FitOptions
-) -> tuple[Float[np.ndarray, "3 height width"], dict[str, Any]]:
+) -> tuple[Colours, dict[str, Any]]:
     """Read the target, with its pixels' `weights` and its `storage` as `fit` takes them; both may be None.
 
     What of it counts nothing is said on stderr.
@@ -115,13 +112,13 @@ def read_colours(
     settings: ResolvedSettings,
     options: FitOptions,
     weights: Float[np.ndarray, "height width"] | None,
-) -> Float[np.ndarray, "3 height width"]:
+) -> Colours:
     """Read the target's colours, and say on stderr how they were read if neither file nor user says it.
 
     They are compared with those of the picture at the start, in the pixels that count.
     """
 
-    def read(transfer: Transfer | None) -> Float[np.ndarray, "3 height width"]:
+    def read(transfer: Transfer | None) -> Colours:
         picture = pictures.read_picture(command.target, transfer=transfer, layer=command.layer)
         return seen_part(picture, scene, settings, "the target")
 
@@ -130,7 +127,7 @@ def read_colours(
     target = read("course")
     problem = build_problem(scene, target, command.free, settings, options, weights).problem
     # Beside, as a fit is: Ctrl-C need not wait for what is compiled here.
-    image = run_beside(lambda: supersampled(problem, problem.start(), settings.samples), lambda: None, lambda: None)
+    image = run_beside(lambda: supersampled(problem, problem.start(), settings.samples), Clock())
     counts = problem.observation.counts
     off = stored_differences(image[:, counts], target[:, counts], bool(problem.camera.linear_indices))
     nearest = min(off, key=lambda transfer: off[transfer])
@@ -176,44 +173,42 @@ def run_fit(command: Fit) -> int:
     if command.pdf and not command.report:
         raise UsageError("--pdf is a figure of the report, which --no-report leaves out.")
     check_folder(command.output)
-    with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command)
-        scene = with_angle_of_view(scene, command.target, command.assignments)
-        filmed, names, _ = asked_for(scene, free, options)
-        refuse_too_large(scene, settings, len(names))
-        options = as_file_says(options, command.target, scene, free)
-        warn_of_shared_materials(filmed, free)
-        target, known = read_target(command, scene, settings, options)
+    scene, settings = read_picture_scene(command)
+    scene = with_angle_of_view(scene, command.target, command.assignments)
+    filmed, names, _ = asked_for(scene, free, options)
+    refuse_too_large(scene, settings, len(names))
+    options = as_file_says(options, command.target, scene, free)
+    warn_of_shared_materials(filmed, free)
+    target, known = read_target(command, scene, settings, options)
 
-        console = stderr_console(quiet=command.quiet)
-        with FitProgress(names, console) as show:
-            result = fit(
-                scene, target, free, settings, options=options, **known, on_step=show.step, on_phase=show.phase
-            )
-        made_of = result.provenance | provenance(command.target) | {AFTER: f"{time.monotonic() - show.stepped_at:.3g}"}
-        result = dataclasses.replace(result, provenance=made_of)
+    console = stderr_console(command.quiet)
+    with FitProgress(names, console) as show:
+        result = fit(scene, target, free, settings, options=options, **known, on_step=show.step, on_phase=show.phase)
+    made_of = result.provenance | provenance(command.target) | {AFTER: f"{time.monotonic() - show.stepped_at:.3g}"}
+    result = dataclasses.replace(result, provenance=made_of)
 
-        # Numbers go out before the report, which takes longer and more room on the disk.
-        if not command.json:
-            if result.history.steps:
-                print_table("estimates", *estimate_table(result.rows, command.long))
-            print(last_word(result))
-        comments = scene_path(command.scene).read_text(encoding="utf-8-sig")
-        numbers = write_numbers(result, command.output, comments)
-        print(numbers if command.json else command.output, end="" if command.json else "\n", flush=True)
-        if not command.report:
-            save_record(result, command.output)
-        elif result.status != "interrupted":
-            with Timer("writing the report", console) as timer:
-                # It imports matplotlib, which takes half a second that the numbers need not wait for.
-                from ...report.fit_report.folder import write_pictures
+    # Numbers go out before the report, which takes longer and more room on the disk.
+    if not command.json:
+        if result.steps:
+            print_table("estimates", *estimate_table(result.parameters.values(), command.long))
+        print(last_word(result))
+    comments = scene_path(command.scene).read_text(encoding="utf-8-sig")
+    numbers = write_numbers(result, command.output, comments)
+    print(numbers if command.json else command.output, end="" if command.json else "\n", flush=True)
+    if not command.report:
+        save_record(result, command.output)
+    elif result.status != "interrupted":
+        with Timer("writing the report", console) as timer:
+            # It imports matplotlib, which takes half a second that the numbers need not wait for.
+            from ...report.fit_report.folder import write_pictures
 
-                write_pictures(result, command.output, command.long, command.pdf)
-                timer.took("writing the report")
+            write_pictures(result, command.output, command.long, command.pdf)
+            timer.took("writing the report")
     return 0 if result.status == "converged" else NOT_CONVERGED
 
 
 def provenance(target: Path) -> dict[str, str]:
+    """Where a target comes from: its path, size and hash, and the command that was typed."""
     content = target.read_bytes()
     return {
         "target": str(target),

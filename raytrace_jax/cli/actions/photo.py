@@ -6,36 +6,34 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from rich.console import Console
 
 from ...errors import PictureError
 from ...images.exif import angle_of_view
 from ...images.pictures import is_photograph
 from ...inverse.estimate import fit
-from ...inverse.judge.assumptions import Contradiction, looks_like
-from ...inverse.result import last_word
-from ...inverse.result_rows import estimate_table
+from ...inverse.judge.model_check import Contradiction
+from ...inverse.result import estimate_table, last_word
 from ...photo.boards import CharucoBoard, read_board
 from ...photo.bundle import Measured
 from ...photo.find_camera import calibrate
 from ...photo.flattened import Flattened, flatten
-from ...photo.geometry import AT
-from ...photo.lens import LensPrior, Turn, read_lens, uncalibrated, write_lens
-from ...photo.locate import Located, Together, locate_together
-from ...photo.opinions import AGREE, NAMES, budget, contradictions, joined, shown, told_together
+from ...photo.lens import Turn, read_lens, uncalibrated, write_lens
+from ...photo.locate import Located, PhotoResult, Together, locate_together
+from ...photo.opinions import AGREE, budget, combine, contradictions, shown, together_to_dict
 from ...photo.outline import Disc
 from ...photo.photograph import Photograph
 from ...photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene, wedge_comment
 from ...photo.turned import turned_alike
 from ...report.fit_report.folder import write_pictures
-from ...report.fit_report.numbers import write_numbers
+from ...report.fit_report.summary import write_numbers
 from ...report.photo_sheet import draw_photo_sheet, draw_refused
 from ...scene.parameters import scalar_names
 from ...scene.writer import save_scene
 from ...tracer.settings import RenderSettings
 from ...util.digits import with_error
 from ...util.files import atomic_write, json_text, write_text
-from ...util.session import jax_session
 from ..console import UsageError, print_table, print_warning, stderr_console
 from ..options.fits import Calibrate, Photo
 from ..preparation import check_file, check_folder
@@ -48,7 +46,7 @@ def run_calibrate(command: Calibrate) -> int:
     """Find the lens, write it and print its numbers."""
     check_file(command.output)
     console = stderr_console(quiet=command.quiet)
-    with jax_session(64), Timer("calibrating", console) as timer:
+    with Timer("calibrating", console) as timer:
         board = read_board(command.board)
         taken = [photograph for _, photograph in photographs_in(command.photos, command.transfer, board)]
         photographs = turned_alike(taken, board)
@@ -73,86 +71,81 @@ def run_photo(command: Photo) -> int:
     if not command.photos:
         raise UsageError("PHOTO: no photograph came, and one or several are wanted.")
     measured = measured_of(command)
-    console, several = stderr_console(quiet=command.quiet), len(command.photos) > 1
-    options = (("--ball", command.ball is not None), ("--fit", command.fit), ("--in", command.liquid is not None))
-    for option, is_given in options:
-        if is_given and several:
+    _check_options(command)
+    console, folder = stderr_console(quiet=command.quiet), command.output
+    check_folder(folder)
+    with Timer("corners", console) as timer:
+        board = read_board(command.board)
+        images, photographs = zip(*photographs_in(command.photos, command.transfer, board), strict=True)
+        together = _locate(command, photographs, board, measured)
+        files = [folder / f"located{end}.png" for end in _ends(command.photos)]
+        for file, image, result in zip(files, images, together.photographs, strict=True):
+            if result.reason:
+                with atomic_write(file) as temporary:
+                    draw_refused(image, result).savefig(temporary)
+        if together.adjusted is None:
+            (folder / "located.json").unlink(missing_ok=True)  # Numbers of earlier photographs are not theirs.
+            refused = sorted(together.photographs, key=lambda result: result.is_bare)
+            raise PictureError("\n".join(result.reason for result in refused))
+        light = [_light_of(command, *both) for both in zip(images, together.photographs, strict=True)]
+        timer.took("corners")
+    for file, result in zip(files, together.photographs, strict=True):
+        if result.reason and (result.discs or not result.is_bare):
+            left = "tells of the lens alone" if result.is_bare else "is left out"
+            print_warning(f"{result.reason} It {left}: see {file}.")
+    otherwise = contradictions(together.adjusted)
+    code = NOT_CONVERGED if otherwise else 0
+    if otherwise:
+        print_warning(_in_words(otherwise, len(files) > 1, folder))
+    made = [provenance(path) for path in command.photos]
+    numbers = together_to_dict(together) | {"provenance": made if len(made) > 1 else made[0]}
+    for file, image, result, flat in zip(files, images, together.photographs, light, strict=True):
+        if result.located:
+            flat = flat if isinstance(flat, Flattened) else None
+            with atomic_write(file) as temporary:
+                draw_photo_sheet(image, result.located, flat, command.long, otherwise).savefig(temporary)
+    write_text(folder / "located.json", json_text(numbers))
+    if not command.json:
+        print_located(together, command.long)
+    for no_light in light:
+        if isinstance(no_light, PictureError):
+            if command.fit:
+                raise no_light
+            print_warning(f"{no_light} There is no scene for a fit.")
+    for end, result, flat in zip(_ends(command.photos), together.photographs, light, strict=True):
+        file = folder / f"scene{end}.txt"
+        if result.located and command.tank:
+            save_scene(tank_scene(result.located), file, model="physical", comments=wedge_comment(result.located))
+        elif result.located and isinstance(flat, Flattened):
+            room = room_scene(result.located, flat)
+            save_scene(room.scene, file, model="physical")
+            if command.fit:
+                return max(code, _fit_light(command, result.located, flat, room, console))
+    print(json_text(numbers) if command.json else folder, end="" if command.json else "\n")
+    return code
+
+
+def _check_options(command: Photo) -> None:
+    """Refuse options that do not go together. Raises UsageError."""
+    for option, is_given in (("--ball", command.ball), ("--fit", command.fit), ("--in", command.liquid)):
+        if is_given and len(command.photos) > 1:
             raise UsageError(f"{option}: is for one photograph, and {len(command.photos)} came.")
         if is_given and command.tank:
             raise UsageError(f"{option}: is for a ball, and --tank came.")
     if command.fit and command.liquid:
         raise UsageError("--fit: is for a ball in air, and --in came.")
-    check_folder(folder := command.output)
-    with jax_session(64):
-        with Timer("corners", console) as timer:
-            board = read_board(command.board)
-            pictures = list(photographs_in(command.photos, command.transfer, board))
-            lens, first = None, pictures[0][1]
-            if command.camera is not None:
-                read = read_lens(command.camera, first.size_on_sensor)
-                lens = Turn(first.size_on_sensor, after=first.orientation).of(read)
-            warn_of_unmeasured(command)
-            for _, photograph in pictures:
-                # Few steps of a file part paper and ink where the brightest hundredth is so dark.
-                if (white := float(np.percentile(photograph.light, 99))) < 0.03:
-                    print_warning(
-                        f"{photograph.name} is underexposed: its brightest hundredth has {100 * white:.1f} % of the "
-                        "light that the file can hold. The index may be off by more than its error: let paper have "
-                        "half."
-                    )
-            taken = [photograph for _, photograph in pictures]
-            together = _locate(
-                command, turned_alike(taken, board, is_tank="thickness" in measured), board, measured, lens
-            )
-            ends = _ends(command.photos)
-            for k, refusal in (together.refused | together.bare).items():
-                with atomic_write(folder / f"located{ends[k]}.png") as temporary:
-                    draw_refused(pictures[k][0], refusal.taken, str(refusal)).savefig(temporary)
-            if not together.located:
-                (folder / "located.json").unlink(missing_ok=True)  # Numbers of earlier photographs are not theirs.
-                reasons = [*together.refused.values(), *together.bare.values()]
-                raise reasons[0] if len(reasons) == 1 else PictureError("\n".join(map(str, reasons)))
-            flats, dark = {}, {}
-            for k, located in together.located.items():
-                if command.tank:
-                    file, comments = folder / f"scene{ends[k]}.txt", wedge_comment(located)
-                    save_scene(tank_scene(located), file, model="physical", comments=comments)
-                    continue
-                try:
-                    flats[k] = flatten(pictures[k][0], located)
-                except PictureError as no_light:  # The corners need no light.
-                    dark[k] = no_light
-            timer.took("corners")
-        for k, refusal in (together.refused | together.bare).items():
-            if k in together.refused or refusal.taken.discs:
-                left = "is left out" if k in together.refused else "tells of the lens alone"
-                print_warning(f"{refusal} It {left}: see {folder / f'located{ends[k]}.png'}.")
-        assert together.adjusted is not None, "a ball is found"
-        otherwise = contradictions(together.adjusted)
-        code = NOT_CONVERGED if otherwise else 0
-        if otherwise:
-            print_warning(_in_words(otherwise, several, folder))
-        made = [provenance(path) for path in command.photos]
-        numbers = told_together(together, [str(path) for path in command.photos])
-        numbers |= {"provenance": made if several else made[0]}
-        for k, located in together.located.items():
-            with atomic_write(folder / f"located{ends[k]}.png") as temporary:
-                sheet = draw_photo_sheet(pictures[k][0], located, flats.get(k), command.long, otherwise)
-                sheet.savefig(temporary)
-        write_text(folder / "located.json", json_text(numbers))
-        if not command.json:
-            print_located(together, command.photos, command.long)
-        for no_light in dark.values():
-            if command.fit:
-                raise no_light
-            print_warning(f"{no_light} There is no scene for a fit.")
-        for k, flat in flats.items():
-            room = room_scene(together.located[k], flat)
-            save_scene(room.scene, folder / f"scene{ends[k]}.txt", model="physical")
-            if command.fit:
-                return max(code, _fit_light(command, together.located[k], flat, room, console))
-    print(json_text(numbers) if command.json else folder, end="" if command.json else "\n")
-    return code
+
+
+def _light_of(
+    command: Photo, image: Float[np.ndarray, "3 height width"], result: PhotoResult
+) -> Flattened | PictureError | None:
+    """The photograph without the light of its room, or why not, for the corners need none; None without a ball."""
+    if result.located is None or command.tank:
+        return None
+    try:
+        return flatten(image, result.located)
+    except PictureError as no_light:
+        return no_light
 
 
 def _in_words(otherwise: Sequence[Contradiction], several: bool, folder: Path) -> str:
@@ -185,14 +178,14 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
         told: dict[str, Any] = {"on_step": show.step, "on_phase": show.phase}
         result = fit(room.scene, flat.image, FREE, settings, options=options, weights=weights, **told)
     text = write_numbers(result, command.output)
-    both, came_to_rest = joined(located, room, result), result.status in ("converged", "model_incomplete")
+    both, came_to_rest = combine(located, room, result), result.status in ("converged", "model_incomplete")
     write_text(command.output / "joined.json", json_text(both._asdict()))
     if command.json:
         sys.stdout.write(text)
     else:
-        print_table("estimates", *estimate_table(result.rows, command.long))
+        print_table("estimates", *estimate_table(result.parameters.values(), command.long))
         if came_to_rest:  # The board is its ruler, and its camera is the corners'.
-            seen = looks_like(result.check.causes)
+            seen = result.check.looks
             print(
                 f"{result.status}: the fit of the light came to rest{seen}. What that may move is in the total error."
             )
@@ -213,58 +206,66 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
     return 0 if came_to_rest and off <= AGREE else NOT_CONVERGED
 
 
-def print_located(together: Together, paths: Sequence[Path], long: bool = False) -> None:
+def print_located(together: Together, long: bool = False) -> None:
     """Print what the corners say, with estimates as `with_error` writes them, and what the index's error is made of."""
     assert together.adjusted is not None, "a ball is found"
-    several, first = len(paths) > 1, next(iter(together.located.values()))
-    names = [NAMES[k] for k in shown(first.setup)]
-    own = [name for name in names if name in [NAMES[k] for k in AT.own]]
+    count, first = len(together.photographs), together.located[0]
+    results = [first.setup.numbers[k] for k in shown(first.setup)]
+    names, own = [number.name for number in results], [number.name for number in results if number.is_own]
 
     def estimated(located: Located) -> dict[str, str]:
         """All numbers as `with_error` writes them, by name."""
-        numbers = zip(NAMES, located.setup.vector, located.errors.vector, strict=True)
+        numbers = zip(located.setup.names, located.setup.vector, located.errors.vector, strict=True)
         return {name: with_error(float(number), float(error), long) for name, number, error in numbers}
 
-    title = f"from the corners{f' of {len(paths)} photographs' if several else ''} (millimetres of the board, degrees)"
+    title = f"from the corners{f' of {count} photographs' * (count > 1)} (millimetres of the board, degrees)"
     estimates = estimated(first) | {"angle of view": estimated(first)["fov"]}
-    listed = ["index", "angle of view", *(name for name in names[1:] if not (several and name in own))]
+    listed = ["index", "angle of view", *(name for name in names[1:] if not (count > 1 and name in own))]
     print_table(title, ("number", "estimate"), [(name, estimates[name]) for name in listed])
-    if several:
-        rows = [
-            (paths[k].name, with_error(*together.alone[k], long), *(estimated(one)[name] for name in own))
-            for k, one in together.located.items()
-        ]
-        rows += [(paths[k].name, "only the lens", *[""] * len(own)) for k in together.bare]
-        rows += [(paths[k].name, "refused", *[""] * len(own)) for k in together.refused]
+    if count > 1:
+        rows = []
+        for result in sorted(together.photographs, key=lambda result: (not result.located, not result.is_bare)):
+            cells = ["only the lens" if result.is_bare else "refused", *[""] * len(own)]
+            if result.located:
+                cells = [with_error(*result.index_alone, long), *(estimated(result.located)[name] for name in own)]
+            rows.append((Path(result.photograph.name).name, *cells))
         print_table("each photograph", ("photograph", "index alone", *own), rows)
     parts = budget(together.adjusted)
     print_table("parts of the index's error", ("of", "part"), [(name, f"{x:.2g}") for name, x in parts.parts.items()])
     print(parts.advice)
-    for k, located in together.located.items():
+    read = [(result.photograph.name, result, result.located) for result in together.photographs if result.located]
+    for name, _, located in read:
         if max(located.shared) > 1:
             print_warning(
-                f"{paths[k]}: corners through the tank scatter by {located.sigma[1]:.3f} pixels, and those beside it "
+                f"{name}: corners through the tank scatter by {located.sigma[1]:.3f} pixels, and those beside it "
                 f"by {located.sigma[0]:.3f}: something shifts neighbours alike, as walls that are not flat or a liquid "
                 "that is not mixed. The index's error counts the excess once for nine neighbours, and may be too small."
             )
-    for k, (index, error) in together.alone.items():
+    for name, result, _ in read if count > 1 else ():
+        index, error = result.index_alone
         if abs(off := index - first.ior[0]) > AGREE * error:
             print_warning(
-                f"{paths[k]} alone tells an index of {with_error(index, error, long)}, {abs(off) / error:.1f} of its "
+                f"{name} alone tells an index of {with_error(index, error, long)}, {abs(off) / error:.1f} of its "
                 "errors from that of all: is it the same ball or liquid, and does its sheet show corners that are none?"
             )
 
 
-def _locate(
-    command: Photo,
-    photographs: Sequence[Photograph],
-    board: CharucoBoard,
-    measured: Measured,
-    lens: LensPrior | None,
-) -> Together:
+def _locate(command: Photo, photographs: Sequence[Photograph], board: CharucoBoard, measured: Measured) -> Together:
     """Find cameras and ball with what is known of the lens: from a calibration, else from EXIF, else nothing."""
+    first, path, lens = photographs[0], command.photos[0], None
+    if command.camera is not None:
+        lens = read_lens(command.camera, first.size_on_sensor)
+        lens = Turn(first.size_on_sensor, after=first.orientation).of(lens)
+    warn_of_unmeasured(command)
+    for photograph in photographs:
+        # Few steps of a file part paper and ink where the brightest hundredth is so dark.
+        if (white := float(np.percentile(photograph.light, 99))) < 0.03:
+            print_warning(
+                f"{photograph.name} is underexposed: its brightest hundredth has {100 * white:.1f} % of the light that "
+                "the file can hold. The index may be off by more than its error: let paper have half."
+            )
+    photographs = turned_alike(photographs, board, is_tank="thickness" in measured)
     ball = Disc(np.array(command.ball[:2], float), float(command.ball[2])) if command.ball else None
-    path = command.photos[0]
     if lens is not None:
         return locate_together(photographs, board, measured, lens, ball)
     fov = angle_of_view(path) if is_photograph(path) else None
@@ -273,19 +274,20 @@ def _locate(
         # it is wrong, if the board does not outvote it.
         spread = 0.03
         together = locate_together(photographs, board, measured, uncalibrated(fov, spread * fov), ball)
-        if together.located and abs(_angle_of_first(together, photographs)[0] / fov - 1) < 3 * spread:
+        if together.located and abs(_angle_of_first(together)[0] / fov - 1) < 3 * spread:
             return together
     together = locate_together(photographs, board, measured, uncalibrated(), ball)
     if fov is not None and together.located:
         print_warning(
             f"{path}: its EXIF tells an angle of view of {fov:.4g} degrees (focal length, digital zoom), and "
-            f"the board {with_error(*_angle_of_first(together, photographs))}: EXIF is not believed."
+            f"the board {with_error(*_angle_of_first(together))}: EXIF is not believed."
         )
     return together
 
 
-def _angle_of_first(together: Together, photographs: Sequence[Photograph]) -> tuple[float, float]:
+def _angle_of_first(together: Together) -> tuple[float, float]:
     """The angle of view of the first photograph, and its error; another one may have been turned."""
-    k, located = next(iter(together.located.items()))
-    lens = photographs[k].turn_to(photographs[0]).of(located.lens)
+    photographs = together.photographs
+    result, located = next((result, result.located) for result in photographs if result.located)
+    lens = result.photograph.turn_to(photographs[0].photograph).of(located.lens)
     return float(lens.mean[0]), float(lens.errors[0])

@@ -55,7 +55,7 @@ def measured_of(command: Photo) -> Measured:
     measured = {"thickness": there(sizes["--tank"]), "wedge": (0.0, _wedge(command.wedge or GLUED))}
     if sizes["--wall"][0]:
         _, _, ior = str(command.wall).partition(",")
-        measured |= {"wall": there(sizes["--wall"]), "wall_ior": _index("--wall", ior)}
+        measured |= {"wall": there(sizes["--wall"]), "wall_index": _index("--wall", ior)}
         if 2 * measured["wall"][0] >= measured["thickness"][0]:
             raise UsageError(f"--wall {command.wall}: two such walls leave no room within {command.tank}.")
     return measured

@@ -16,16 +16,22 @@ from ...report.panels import as_pixels
 from ...scene.bundled import bundled_scenes
 from ...scene.parameters import parse_assignment, scalar_names, set_parameters
 from ...scene.scene import Scene
-from ...tracer.derivatives import PictureDerivatives, picture_derivatives
-from ...tracer.rendering import render
+from ...tracer.rendering import PictureDerivatives, picture_derivatives, render
 from ...util.digits import evenly_spaced
 from ...util.files import atomic_write, json_text
-from ...util.session import jax_session
 from ...util.text import parse_number
-from .. import preparation
 from ..console import UsageError, print_table, print_warning, stderr_console
 from ..options import RenderOptions, split_assignment
 from ..options.scenes import Gallery, Grad, Sweep
+from ..preparation import (
+    check_file,
+    check_folder,
+    check_picture_path,
+    check_single,
+    read_picture_scene,
+    read_scene,
+    warn_of_shared_materials,
+)
 from ..progress import Timer
 
 
@@ -34,33 +40,30 @@ def run_grad(command: Grad) -> int:
 
     1 if a pixel of the picture or of a derivative is not finite.
     """
-    wrt, png_path, console = command.wrt, command.output.with_suffix(".png"), stderr_console(quiet=command.quiet)
+    wrt, png_path, console = command.wrt, command.output.with_suffix(".png"), stderr_console(command.quiet)
     if not wrt:
         raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
-    preparation.check_picture_path(command.output, (".exr",), "an OpenEXR file")
-    preparation.check_file(png_path)
-    with jax_session(command.render.precision):
-        scene, settings = preparation.read_picture_scene(command, edges=command.edges)
-        origin = settings.window(scene.camera.pixeldim)[:2]
-        scalar_names(scene, wrt)  # Refuses unknown names before the differences.
-        preparation.warn_of_shared_materials(scene, wrt)
-        differences = None
-        if command.check:
-            # First of all, because it refuses steps that a parameter cannot take.
-            with Timer("finite differences", console) as timer:
-                differences = steady_differences(scene, wrt, settings, command.check_step, command.check_samples)
-                timer.took("finite differences")
-        with Timer("derivatives", console) as timer:
-            found = picture_derivatives(scene, wrt, settings)
-            timer.took("derivatives")
-        image, values = np.asarray(found.image), np.asarray(found.values)
-        bad = masks.bad_pixels(image, values)
-        if bad.any():
-            print_warning(
-                f"{masks.mask_in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files."
-            )
-            found = found._replace(image=masks.blackened(image), values=masks.blackened(values))
-        write_derivatives(command.output, found, scene, settings, differences)
+    check_picture_path(command.output, (".exr",), "an OpenEXR file")
+    check_file(png_path)
+    scene, settings = read_picture_scene(command, edges=command.edges)
+    origin = settings.window(scene.camera.pixeldim)[:2]
+    scalar_names(scene, wrt)  # Refuses unknown names before the differences.
+    warn_of_shared_materials(scene, wrt)
+    differences = None
+    if command.check:
+        # First of all, because it refuses steps that a parameter cannot take.
+        with Timer("finite differences", console) as timer:
+            differences = steady_differences(scene, wrt, settings, command.check_step, command.check_samples)
+            timer.took("finite differences")
+    with Timer("derivatives", console) as timer:
+        found = picture_derivatives(scene, wrt, settings)
+        timer.took("derivatives")
+    image, values = np.asarray(found.image), np.asarray(found.values)
+    bad = masks.bad_pixels(image, values)
+    if bad.any():
+        print_warning(f"{masks.mask_in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files.")
+        found = found._replace(image=masks.blackened(image), values=masks.blackened(values))
+    write_derivatives(command.output, found, scene, settings, differences)
 
     # The sheet shows what the layers hold; the words say how far differences agree with them.
     checks, numbers = [], []
@@ -109,34 +112,33 @@ def run_gallery(command: Gallery) -> None:
     if command.scene and not gallery.scene:
         raise UsageError(f"the pictures of --set {command.set} have scenes of their own: leave {command.scene} out.")
     first = gallery.variants[0].text or command.scene or bundled_scenes()[gallery.scene]
-    preparation.check_folder(command.output)
+    check_folder(command.output)
 
     # Each picture is written as soon as it is rendered; the sheet needs them all.
     titles, pictures, written = [], [], []
-    with jax_session(command.render.precision):
-        scene, settings = preparation.read_picture_scene(command, first, model=gallery.model)
-        said = scene.settings and scene.settings.model
-        if said not in (None, gallery.model):
-            raise UsageError(
-                f"{first} is for the {said} model, and the gallery {command.set} shows what the {gallery.model} model "
-                "does: `render` makes a picture of it."
-            )
-        scalar_names(scene, wrt)
-        preparation.warn_of_shared_materials(scene, wrt)
-        transfer = command.png_transfer or screen_transfer(settings)
+    scene, settings = read_picture_scene(command, first, model=gallery.model)
+    said = scene.settings and scene.settings.model
+    if said not in (None, gallery.model):
+        raise UsageError(
+            f"{first} is for the {said} model, and the gallery {command.set} shows what the {gallery.model} model "
+            "does: `render` makes a picture of it."
+        )
+    scalar_names(scene, wrt)
+    warn_of_shared_materials(scene, wrt)
+    transfer = command.png_transfer or screen_transfer(settings)
 
-        def scene_of(variant: Variant) -> Scene:
-            return preparation.read_scene(variant.text, command.assignments, gallery.model) if variant.text else scene
+    def scene_of(variant: Variant) -> Scene:
+        return read_scene(variant.text, command.assignments, gallery.model) if variant.text else scene
 
-        with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
-            for variant, varied, how, found in render_gallery(scene_of, gallery, settings, wrt):
-                exr_path, png_path = (command.output / f"{variant.name}.{suffix}" for suffix in ("exr", "png"))
-                write_derivatives(exr_path, found, varied, how)
-                write_png(png_path, found.image, transfer=transfer, metadata=how_made(varied, how))
-                written += [exr_path, png_path]
-                titles.append(variant.title)
-                pictures.append(found)
-                timer.took(f"picture {len(pictures)}/{len(gallery.variants)}, {variant.name.replace('_', ' ')},")
+    with Timer("rendering", stderr_console(command.quiet)) as timer:
+        for variant, varied, how, found in render_gallery(scene_of, gallery, settings, wrt):
+            exr_path, png_path = (command.output / f"{variant.name}.{suffix}" for suffix in ("exr", "png"))
+            write_derivatives(exr_path, found, varied, how)
+            write_png(png_path, found.image, transfer=transfer, metadata=how_made(varied, how))
+            written += [exr_path, png_path]
+            titles.append(variant.title)
+            pictures.append(found)
+            timer.took(f"picture {len(pictures)}/{len(gallery.variants)}, {variant.name.replace('_', ' ')},")
     sheet = command.output / "gallery.png"
     with atomic_write(sheet) as temporary:
         draw_gallery(titles, pictures, gallery.columns, transfer).savefig(temporary)
@@ -146,22 +148,21 @@ def run_gallery(command: Gallery) -> None:
 def run_sweep(command: Sweep) -> None:
     name, values = parse_range(command.over)
     path, suffix = command.output, command.output.suffix.lower()
-    preparation.check_picture_path(path, animation.SUFFIXES, "an animation")
+    check_picture_path(path, animation.SUFFIXES, "an animation")
     most = animation.MOST_GIF_FPS if suffix == ".gif" else 60
     if not 1 <= command.fps <= most:
         raise UsageError(f"--fps is {command.fps}; for a {suffix} file it can be 1 to {most}.")
     if suffix == ".mp4":
         animation.require_ffmpeg(path)
-    with jax_session(command.render.precision):
-        scene, settings = preparation.read_picture_scene(command, edges=command.edges)
-        preparation.check_single(scene, name, f"--over {command.over}")
-        scalar_names(scene, [*(parse_assignment(text)[0] for text in command.assignments), name])  # -D sets none of it.
-        preparation.warn_of_shared_materials(scene, [name])
-        scenes = [set_parameters(scene, {name: value}) for value in values]
-        transfer = command.transfer or screen_transfer(settings)
-        with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
-            frames = [Image.fromarray(as_pixels(render(moved, settings).image, transfer)) for moved in scenes]
-        timer.took(f"rendering {len(frames)} frames")
+    scene, settings = read_picture_scene(command, edges=command.edges)
+    check_single(scene, name, f"--over {command.over}")
+    scalar_names(scene, [*(parse_assignment(text)[0] for text in command.assignments), name])  # -D sets none of it.
+    warn_of_shared_materials(scene, [name])
+    scenes = [set_parameters(scene, {name: value}) for value in values]
+    transfer = command.transfer or screen_transfer(settings)
+    with Timer("rendering", stderr_console(command.quiet)) as timer:
+        frames = [Image.fromarray(as_pixels(render(moved, settings).image, transfer)) for moved in scenes]
+    timer.took(f"rendering {len(frames)} frames")
     if command.label:
         frames = animation.label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])
     back = frames[-2:0:-1] if command.bounce else []

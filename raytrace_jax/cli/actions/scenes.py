@@ -1,21 +1,29 @@
-"""The commands that write, list and translate scene files."""
+"""The commands that render scenes, and write, list and translate their files; they start without what draws figures."""
 
+import dataclasses
 import sys
 from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
 
 from ...errors import RaytraceError
 from ...exchange.export import export_scene
 from ...exchange.mitsuba.load import import_scene
+from ...images.masks import bad_pixels, blackened, mask_in_words
+from ...images.png import write_png
+from ...report.films import how_made, screen_transfer, write_film
 from ...scene import parameters
 from ...scene.bundled import bundled_scenes, scene_path
 from ...scene.parameters import Block, material_of
 from ...scene.scene import Scene
 from ...scene.writer import format_scene, plain_value, save_scene, value_text
+from ...tracer.rendering import render
 from ...util.files import json_text, write_text
-from ...util.session import jax_session
-from ..console import UsageError, print_table, stderr_console
-from ..options.scenes import Export, Format, Import, Info, New, Scenes
-from ..preparation import check_file, read_picture_scene, read_scene
+from ..console import UsageError, print_table, print_warning, stderr_console
+from ..options.scenes import Export, Format, Import, Info, New, Render, Scenes
+from ..preparation import check_file, check_picture_path, read_picture_scene, read_scene
+from ..progress import Timer
 
 IN_LIQUID = """
 material liquid {{
@@ -33,6 +41,41 @@ plane surface {{
 """What a scene with a liquid has besides."""
 
 
+def run_render(command: Render) -> int:
+    """Render the scene, write the picture, print the paths of the files written; 1 if a pixel is not finite."""
+    check_picture_path(command.output)
+    png_only = command.output.suffix.lower() == ".png"
+    png_path = command.output if png_only else command.output.with_suffix(".png")
+    if png_only and not command.png:
+        raise UsageError(f"{command.output}: --no-png leaves nothing to write; name an .exr file.")
+    if png_only and (command.render.aov or command.half):
+        raise UsageError(f"{command.output}: a PNG file has no room for --aov or --half; name an .exr file.")
+    if command.png:
+        check_picture_path(png_path)
+
+    scene, settings = read_picture_scene(command, aov=tuple(dict.fromkeys(command.render.aov)))
+    *origin, width, height = settings.window(scene.camera.pixeldim)
+    work = f"rendering {width} x {height} pixels"
+    with Timer(work, stderr_console(command.quiet)) as timer:
+        film = render(scene, settings)
+        image = np.asarray(film.image)
+    timer.took(work)
+    bad = bad_pixels(image, *map(np.asarray, film.aov.values()))
+    if bad.any():
+        print_warning(f"{mask_in_words(bad, origin)}. They are black in the files.")
+        image = blackened(image)
+        aov = {name: jnp.asarray(blackened(np.asarray(values))) for name, values in film.aov.items()}
+        film = dataclasses.replace(film, image=jnp.asarray(image), aov=aov)
+    if not png_only:
+        write_film(command.output, film, scene, settings, half=command.half)
+        print(command.output)
+    if command.png:
+        transfer = command.png_transfer or screen_transfer(settings)
+        write_png(png_path, image, transfer=transfer, metadata=how_made(scene, settings))
+        print(png_path)
+    return 1 if bad.any() else 0
+
+
 def run_new(command: New) -> None:
     if command.output.exists():
         raise RaytraceError(f"{command.output}: it is there already, and a scene that was measured is not overwritten.")
@@ -46,32 +89,30 @@ def run_new(command: New) -> None:
 
 
 def run_format(command: Format) -> None:
-    with jax_session(64):
-        scene = read_scene(command.scene, command.assignments, command.model)
-        text = scene_path(command.scene).read_text(encoding="utf-8-sig")
-        sys.stdout.write(format_scene(scene, model=command.model, comments=text))
+    scene = read_scene(command.scene, command.assignments, command.model)
+    text = scene_path(command.scene).read_text(encoding="utf-8-sig")
+    sys.stdout.write(format_scene(scene, model=command.model, comments=text))
 
 
 def run_info(command: Info) -> None:
-    with jax_session(64):
-        scene = read_scene(command.scene, command.assignments, command.model)
-        heads = ("kind", "name", "what")
-        rows = [(block.keyword, block.name, _what(scene, block)) for block in parameters.blocks(scene)]
-        users: dict[str, list[str]] = {used.name: [] for used in parameters.blocks_of(scene, "material")}
-        for shape in parameters.shape_blocks(scene):
-            users[material_of(scene, shape).name].append(shape.name)
-        values = parameters.list_parameters(scene)
-        if command.json:
-            told = [dict(zip(heads, row, strict=True)) for row in rows]
-            sys.stdout.write(json_text({"blocks": told, "parameters": values, "materials": users}))
-            return
-        print_table("blocks", heads, rows)
-        print()
-        # Numbers as -D takes them.
-        texts = [(name, value_text(value).replace(" ", ",")) for name, value in values.items()]
-        print_table("parameters", ("name", "value"), texts)
-        print()
-        print_table("materials", ("material", "shapes"), [(n, " ".join(shapes) or "-") for n, shapes in users.items()])
+    scene = read_scene(command.scene, command.assignments, command.model)
+    heads = ("kind", "name", "what")
+    rows = [(block.keyword, block.name, _what(scene, block)) for block in parameters.blocks(scene)]
+    users: dict[str, list[str]] = {used.name: [] for used in parameters.blocks_of(scene, "material")}
+    for shape in parameters.shape_blocks(scene):
+        users[material_of(scene, shape).name].append(shape.name)
+    values = parameters.list_parameters(scene)
+    if command.json:
+        told = [dict(zip(heads, row, strict=True)) for row in rows]
+        sys.stdout.write(json_text({"blocks": told, "parameters": values, "materials": users}))
+        return
+    print_table("blocks", heads, rows)
+    print()
+    # Numbers as -D takes them.
+    texts = [(name, value_text(value).replace(" ", ",")) for name, value in values.items()]
+    print_table("parameters", ("name", "value"), texts)
+    print()
+    print_table("materials", ("material", "shapes"), [(n, " ".join(shapes) or "-") for n, shapes in users.items()])
 
 
 def run_scenes(command: Scenes) -> None:
@@ -82,24 +123,22 @@ def run_scenes(command: Scenes) -> None:
 
 def _what(scene: Scene, block: Block) -> str:
     """What a block says beside its parameters, as its file has it."""
-    others = (one for one in block.type.attributes if one.value_type != "number")
-    said = ((one.name, plain_value(scene, block, one)) for one in others)
-    return ", ".join(f"{name} {value_text(value)}" for name, value in said if value is not None)
+    words = [attribute for attribute in block.type.attributes if attribute.value_type != "number"]
+    values = {attribute.name: plain_value(scene, block, attribute) for attribute in words}
+    return ", ".join(f"{name} {value_text(value)}" for name, value in values.items() if value is not None)
 
 
 def run_export(command: Export) -> None:
     check_file(command.output)
-    with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command)
-        lost = export_scene(scene, command.output, command.to, settings)
+    scene, settings = read_picture_scene(command)
+    lost = export_scene(scene, command.output, command.to, settings)
     _wrote(command, lost, "not in the file, or otherwise there")
 
 
 def run_import(command: Import) -> None:
     check_file(command.output)
-    with jax_session(64):
-        scene, lost = import_scene(command.file)
-        save_scene(scene, command.output, model="physical")
+    scene, lost = import_scene(command.file)
+    save_scene(scene, command.output, model="physical")
     _wrote(command, lost, "not in the scene, or otherwise there")
 
 
@@ -107,5 +146,5 @@ def _wrote(command: Export | Import, lost: Sequence[str], where: str) -> None:
     """Say on stderr what is lost, a line each, in a sentence that begins with `where`; print the path."""
     if lost:
         count = "1 thing" if len(lost) == 1 else f"{len(lost)} things"
-        stderr_console(quiet=command.quiet).print(f"{where}, {count}:", *(f"  {words}" for words in lost), sep="\n")
+        stderr_console(command.quiet).print(f"{where}, {count}:", *(f"  {words}" for words in lost), sep="\n")
     print(command.output)

@@ -25,19 +25,24 @@ REPEATABLE = "(repeatable)"
 """What help says of an option that may come several times."""
 
 
-def repeatable(word: Any, metavar: str) -> object:
-    """The mark of a row of words that comes after one option, or after several of the same name."""
+def repeatable(word: Any, metavar: str, text: str | None = None) -> object:
+    """The mark of a row of words that comes after one option, or after several of the same name; `text` is its help."""
     rows: Any = UseAppendAction[tuple[tuple[word, ...], ...]]  # pyright: ignore[reportInvalidTypeForm]
-    return arg(constructor=rows, metavar=metavar, help_behavior_hint=REPEATABLE)
+    return arg(constructor=rows, metavar=metavar, help=text, help_behavior_hint=REPEATABLE)
 
 
 Quiet = Annotated[bool, arg(help="Say nothing on the way; errors and warnings are still shown.")]
 AsJson = Annotated[bool, arg(help="Print one JSON object on stdout in place of paths and tables.")]
 Names = Annotated[tuple[str, ...], repeatable(str, "NAME ...")]
-OutputFolder = Annotated[
-    Path, arg(aliases=["-o"], metavar="DIR", help="The folder to write; it is made if it is missing.")
-]
-OutputExr = Annotated[Path, arg(aliases=["-o"], metavar="OUT.exr")]
+
+
+def output(metavar: str, text: str | None = None) -> object:
+    """The mark of the file or folder that a command writes; `text` is its help."""
+    return arg(aliases=["-o"], metavar=metavar, help=text)
+
+
+OutputFolder = Annotated[Path, output("DIR", "The folder to write; it is made if it is missing.")]
+OutputExr = Annotated[Path, output("OUT.exr")]
 
 
 def split_assignment(option: str, text: str, form: str, read: Callable[[str], T]) -> tuple[str, T]:
@@ -47,12 +52,6 @@ def split_assignment(option: str, text: str, form: str, read: Callable[[str], T]
         if name and value:
             return name, read(value)
     raise UsageError(f"--{option} {text}: write {form}.")
-
-
-def required(hint: Any) -> str:
-    """What help says of an option without a default."""
-    said = [getattr(mark, "help_behavior_hint", None) for mark in getattr(hint, "__metadata__", ())]
-    return "(required, repeatable)" if REPEATABLE in said else "(required)"
 
 
 @functools.cache
@@ -75,15 +74,17 @@ class CommandOptions(Checked):
     def __init_subclass__(cls, hidden: Collection[str] = ()) -> None:
         dataclasses.dataclass(frozen=True, kw_only=True)(cls)
         texts = {name: text for base in reversed(cls.__mro__[:-1]) for name, text in field_texts(base).items()}
-        found = get_type_hints(cls, include_extras=True)
+        hints_of = get_type_hints(cls, include_extras=True)
         for field in dataclasses.fields(cls):  # pyright: ignore[reportArgumentType]
-            hint = found[field.name]
+            hint = hints_of[field.name]
             if field.name in hidden:
                 cls.__annotations__[field.name] = Suppress[hint]
             elif field.name in texts:
-                told = {None: "", dataclasses.MISSING: required(hint)}.get(field.default)
-                told = arg(metavar=wanted(hint).metavar, help=texts[field.name], help_behavior_hint=told)
-                cls.__annotations__[field.name] = Annotated[hint, told]
+                behaviours = [getattr(mark, "help_behavior_hint", None) for mark in getattr(hint, "__metadata__", ())]
+                required = "(required, repeatable)" if REPEATABLE in behaviours else "(required)"
+                default = {None: "", dataclasses.MISSING: required}.get(field.default)
+                shown = arg(metavar=wanted(hint).metavar, help=texts[field.name], help_behavior_hint=default)
+                cls.__annotations__[field.name] = Annotated[hint, shown]
 
     def __post_init__(self):
         for name, value in vars(self).items():

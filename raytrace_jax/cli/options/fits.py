@@ -1,6 +1,5 @@
 """The options of the commands that measure: `fit`, `batch`, `board`, `calibrate` and `photo`."""
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -15,6 +14,9 @@ from .. import options as shared
 from ..console import UsageError
 
 T = TypeVar("T")
+
+FIT_TEXTS = shared.field_texts(FitOptions)
+"""The help of options that the command line takes as texts, by the names of what is made of these."""
 
 
 def by_name(option: str, texts: tuple[str, ...], form: str, read: Callable[[str], T]) -> dict[str, T]:
@@ -88,15 +90,10 @@ class Fit(shared.PictureCommand):
     """Write the whole report; without it result.json, fit.txt and result.npz alone, which a script reads."""
     json: bool = False
     """Print one JSON object on stdout, the content of result.json, in place of the table and the last line."""
-    tie: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=FREE")] = ()
-    """Let a parameter follow a free one, as cyan.ior=vitreous.ior or small.center=large.center."""
-    prior: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=MEAN+-SD")] = ()
-    """What is known of a free number, as vitreous.radius=2.3+-0.01: mean and standard deviation."""
-    uncertain: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=SD")] = ()
-    """Standard deviation of a number that stays fixed, as vitreous.radius=0.002 or 0.1%, which the errors then include.
-    The name of a block (cam1=0.1%) or of a kind of blocks (lights=1%) stands for all its numbers."""
-    profile: shared.Names = ()
-    """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
+    tie: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=FREE", FIT_TEXTS["ties"])] = ()
+    prior: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=MEAN+-SD", FIT_TEXTS["priors"])] = ()
+    uncertain: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=SD", FIT_TEXTS["uncertain"])] = ()
+    profile: Annotated[tuple[str, ...], shared.repeatable(str, "NAME ...", FIT_TEXTS["profiles"])] = ()
     fit: FitArguments = FitArguments()
 
     def fit_options(self) -> FitOptions:
@@ -106,8 +103,7 @@ class Fit(shared.PictureCommand):
         form = "NAME=SD or NAME=SHARE%, as vitreous.radius=0.002 or cam1=0.1%"
         uncertain = by_name("uncertain", self.uncertain, form, read_uncertain)
         changes = {"ties": ties, "priors": priors, "uncertain": uncertain, "profiles": self.profile}
-        given = {field.name: getattr(self.fit, field.name) for field in dataclasses.fields(FitOptions)}
-        return FitOptions(**given | changes)
+        return FitOptions(**vars(self.fit) | changes)
 
 
 class Batch(shared.CommandOptions):
@@ -143,7 +139,7 @@ class Board(shared.CommandOptions):
     Example: raytrace-jax board -o board.pdf --paper a3 --square 12mm
     """
 
-    output: Annotated[Path, arg(aliases=["-o"], metavar="BOARD.pdf")]
+    output: Annotated[Path, shared.output("BOARD.pdf")]
     """The board: a PDF to print, or with --screen a PNG to show. Missing folders are made."""
     paper: PaperName | None = None
     """The paper of a PDF, which lies on its longer side. Without it a4."""
@@ -187,7 +183,7 @@ class Calibrate(PhotoOptions):
 
     photos: Photos
     """The pictures of the board, three or more."""
-    output: Annotated[Path, arg(aliases=["-o"], metavar="CAMERA.txt")]
+    output: Annotated[Path, shared.output("CAMERA.txt")]
     """The lens to write. Missing folders are made."""
 
 

@@ -99,7 +99,7 @@ class Sweep(shared.PictureCommand):
 
     over: Annotated[str, arg(metavar="NAME=START:STOP:COUNT")]
     """The parameter, a single number, and its values, evenly spaced with both ends: vitreous.ior=1.0:2.4:60."""
-    output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.gif")]
+    output: Annotated[Path, shared.output("OUT.gif")]
     """The animation to write: OUT.gif, or OUT.mp4 if ffmpeg is on the PATH. Missing folders are made."""
     fps: Annotated[int, arg(metavar="N")] = 20
     """Frames a second, 1 to 60; a GIF has at most 50, and rounds to hundredths of a second a frame."""
@@ -124,7 +124,7 @@ class Rays(shared.PictureCommand):
 
     pixel: Annotated[tuple[int, int], arg(metavar="X Y")]
     """The pixel: its column and row, counted from the top left of the whole picture."""
-    output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.svg")]
+    output: Annotated[Path, shared.output("OUT.svg")]
     """The drawing to write, .svg or .png. Missing folders are made."""
     least_drawn: Annotated[float | None, Wanted("a share from 0 to below 1", "SHARE", least=0, below=1)] = None
     """Draw rays that count at least this share of the pixel; the table has all. Without it 0.005 in the physical model,
@@ -177,7 +177,7 @@ class New(shared.CommandOptions):
 
     scene: Annotated[Positional[Literal["ball", "tank"]], arg(metavar="ball|tank")]
     """What it shows. ball: a ball of glass before a checkered board; tank: the board behind a tank of water."""
-    output: Annotated[Path, arg(aliases=["-o"], metavar="SCENE")]
+    output: Annotated[Path, shared.output("SCENE")]
     """The file to write; one that is there stays."""
     liquid: Annotated[float | None, arg(name="in", metavar="INDEX")] = None
     """Ball and board lie in a liquid of this index, as 1.333, and the camera is outside."""
@@ -225,7 +225,7 @@ class Export(shared.PictureCommand):
 
     to: Language
     """pov: POV-Ray's language; mitsuba: XML, which Mitsuba's Python reads by mitsuba.load_file."""
-    output: Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
+    output: Annotated[Path, shared.output("FILE")]
     """The file to write. Missing folders are made."""
 
 
@@ -241,6 +241,6 @@ class Import(shared.CommandOptions):
 
     file: Annotated[Positional[Path], arg(metavar="FILE.xml")]
     """The scene of Mitsuba 3, as XML."""
-    output: Annotated[Path, arg(aliases=["-o"], metavar="SCENE")]
+    output: Annotated[Path, shared.output("SCENE")]
     """The model.txt file to write. Missing folders are made."""
     quiet: shared.Quiet = False

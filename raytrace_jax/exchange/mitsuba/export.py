@@ -5,20 +5,11 @@ import math
 
 import equinox as eqx
 import numpy as np
+from numpy.linalg import norm
 from numpy.typing import ArrayLike
 
-from ..described import Described, Material, Shape, Texture, overlap, reach
-from .plugins import (
-    UPSIDE_DOWN,
-    Color,
-    LookAt,
-    Matrix,
-    Plugin,
-    Point,
-    Ref,
-    Value,
-    numbered,
-)
+from ..described import Described, Material, Shape, Texture, Triple, overlap, reach, unit
+from .plugins import UPSIDE_DOWN, Color, LookAt, Matrix, Plugin, Point, Ref, Value, numbered
 
 
 class MitsubaWriter:
@@ -37,13 +28,13 @@ class MitsubaWriter:
         scene = self.scene
         absorbs = any(np.any(shape.material.absorption) for shape in scene.glass("sphere", "plane"))
         depth: dict[str, Value] = {"max_depth": scene.settings.max_bounces + 1, "rr_depth": 1000}
-        found = [Plugin("integrator", "volpath" if absorbs else "path", "", depth), self.sensor()]
-        found += [self.background()] if scene.background else []
+        plugins = [Plugin("integrator", "volpath" if absorbs else "path", depth), self.sensor()]
+        plugins += [self.background()] if scene.background else []
         for name, location, intensity in scene.lights:
             values = {"position": Point(_triple(location)), "intensity": _color(intensity)}
-            found.append(Plugin("emitter", "point", name, values))
-        found += [self.shape(shape) for shape in scene.shapes if not shape.is_hidden and not _parts_nothing(shape)]
-        return [self.identified(plugin) for plugin in found]
+            plugins.append(Plugin("emitter", "point", values, name))
+        plugins += [self.shape(shape) for shape in scene.shapes if not shape.is_hidden and not _parts_nothing(shape)]
+        return [self.identified(plugin) for plugin in plugins]
 
     def identified(self, plugin: Plugin) -> Plugin:
         """A plugin whose id, and those of all within it, are the only ones; one that comes again is referred to.
@@ -72,7 +63,7 @@ class MitsubaWriter:
         """The camera, with its film and how often it samples a pixel."""
         view, given = self.scene.view, self.scene.view.given
         width, height = view.size
-        across, upwards = float(np.linalg.norm(view.across)), float(np.linalg.norm(view.upwards))
+        across, upwards = float(norm(view.across)), float(norm(view.upwards))
         right, up = view.across / across, view.upwards / upwards
         forward = np.cross(up, right)
         same = 1e-6  # Sides of pixels that differ by a smaller share are equal.
@@ -87,29 +78,28 @@ class MitsubaWriter:
         for name, share in (("principal_point_offset_x", aside), ("principal_point_offset_y", -above)):
             if abs(share) > same / max(width, height):
                 values[name] = share
-        film: dict[str, Value] = {"width": width, "height": height, "pixel_format": "rgb"}
-        film |= {"component_format": "float32", "rfilter": Plugin("rfilter", "box", "", {})}
-        values["film"] = Plugin("film", "hdrfilm", "", film)
+        film = {"width": width, "height": height, "pixel_format": "rgb", "component_format": "float32"}
+        values["film"] = Plugin("film", "hdrfilm", film | {"rfilter": Plugin("rfilter", "box", {})})
         # A scene that says nothing of samples gets 256 a pixel.
         samples = self.scene.settings.samples**2 if self.scene.settings.samples > 1 else 256
-        values["sampler"] = Plugin("sampler", "independent", "", {"sample_count": samples})
+        values["sampler"] = Plugin("sampler", "independent", {"sample_count": samples})
         values |= _media(medium=self.scene.eye_medium)
-        return Plugin("sensor", "perspective", view.name, values)
+        return Plugin("sensor", "perspective", values, view.name)
 
     def background(self) -> Plugin:
         scene = self.scene
         if scene.sky is None or scene.sky.texels is None:
-            return Plugin("emitter", "constant", scene.background, {"radiance": _color(scene.radiance)})
+            return Plugin("emitter", "constant", {"radiance": _color(scene.radiance)}, scene.background)
         name = self.file(scene.sky.name, rows_at_both_poles(scene.sky.texels * scene.radiance[:, None, None]))
         half_a_turn = Matrix(np.diag([-1.0, 1.0, -1.0, 1.0]))
-        return Plugin("emitter", "envmap", scene.background, {"filename": name, "to_world": half_a_turn})
+        return Plugin("emitter", "envmap", {"filename": name, "to_world": half_a_turn}, scene.background)
 
     def shape(self, shape: Shape) -> Plugin:
         numbers, material, halves = shape.numbers, shape.material, np.ones(2)
         is_ball = shape.keyword == "sphere"
         values: dict[str, Value] = {}
         if is_ball:
-            values |= {"center": Point(_triple(numbers["center"])), "radius": float(numbers["radius"])}
+            values |= {"center": Point(_triple(numbers["center"])), "radius": numbers["radius"]}
         else:
             matrix, halves = self.frame(shape)
             values["to_world"] = Matrix(matrix)
@@ -118,11 +108,11 @@ class MitsubaWriter:
                 values["flip_normals"] = True
         values["bsdf"] = self.bsdf(shape, halves)
         if np.any(material.emission) and not material.is_glass:
-            values["emitter"] = Plugin("emitter", "area", "", {"radiance": self.colored(shape, "emission", halves)})
+            values["emitter"] = Plugin("emitter", "area", {"radiance": self.colored(shape, "emission", halves)})
         # What is opaque parts no media: a path that it mirrors stays where it is.
         if material.is_glass:
             values |= _media(interior=shape.inside, exterior=shape.outside)
-        return Plugin("shape", "sphere" if is_ball else "rectangle", shape.name, values)
+        return Plugin("shape", "sphere" if is_ball else "rectangle", values, shape.name)
 
     def frame(self, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
         """The transform that makes a rectangle of Mitsuba's, whose sides are two long; and the halves of its sides."""
@@ -134,24 +124,22 @@ class MitsubaWriter:
             self.lost.append(f"{shape.name}: a plane without end; a rectangle with sides of {side} stands for it")
         else:
             right, up, center = numbers["right"], numbers["up"], numbers["center"]
-        normal, matrix = np.cross(right, up), np.eye(4)
-        matrix[:3] = np.stack([right, up, normal / np.linalg.norm(normal), center], axis=-1)
-        return matrix, np.array([np.linalg.norm(right), np.linalg.norm(up)])
+        matrix = np.eye(4)
+        matrix[:3] = np.stack([right, up, unit(np.cross(right, up)), center], axis=-1)
+        return matrix, np.array([norm(right), norm(up)])
 
     def bsdf(self, shape: Shape, halves: np.ndarray) -> Plugin:
         """What a surface does with light."""
         material = shape.material
         if material.is_glass:
-            values: dict[str, Value] = {"int_ior": _index(shape.inside), "ext_ior": _index(shape.outside)}
-            found = Plugin("bsdf", "dielectric", "", values)
-        elif material.reflectivity and not np.any(material.diffuse):
-            grey = {"material": "none", "specular_reflectance": _color(material.reflectivity)}
-            found = Plugin("bsdf", "conductor", "", grey)
-        else:
-            found = Plugin("bsdf", "diffuse", "", {"reflectance": self.colored(shape, "diffuse", halves)})
-        if shape.keyword != "sphere" and not material.is_glass:
-            found = Plugin("bsdf", "twosided", "", {"bsdf": found})
-        return found._replace(name=material.name)
+            indices = {"int_ior": _index(shape.inside), "ext_ior": _index(shape.outside)}
+            return Plugin("bsdf", "dielectric", indices, material.name)
+        kind, values = "diffuse", {"reflectance": self.colored(shape, "diffuse", halves)}
+        if material.reflectivity and not np.any(material.diffuse):
+            kind, values = "conductor", {"material": "none", "specular_reflectance": _color(material.reflectivity)}
+        if shape.keyword != "sphere":
+            kind, values = "twosided", {"bsdf": Plugin("bsdf", kind, values)}
+        return Plugin("bsdf", kind, values, material.name)
 
     def colored(self, shape: Shape, what: str, halves: np.ndarray) -> Value:
         """A colour of a material, `emission` or `diffuse`, times its texture."""
@@ -159,13 +147,13 @@ class MitsubaWriter:
         if texture is None or not np.any(scale):
             return _color(scale)
         if texture.texels is None:
-            return _checkerboard(texture, scale, texture.name, halves)
+            return _checkerboard(texture, scale, halves)
         file = self.file(texture.name, texture.texels * scale[:, None, None])
         if texture.wrap == "black":
             self.lost.append(f"{texture.name}.wrap: black; the picture's border goes on")
         values: dict[str, Value] = {"filename": file, "raw": True, "filter_type": texture.filter}
         values |= {"wrap_mode": "repeat" if texture.wrap == "repeat" else "clamp", "to_uv": Matrix(UPSIDE_DOWN)}
-        return Plugin("texture", "bitmap", texture.name, values)
+        return Plugin("texture", "bitmap", values, texture.name)
 
     def file(self, name: str, texels: np.ndarray) -> str:
         """The file of a picture, another one for each."""
@@ -207,13 +195,13 @@ def rows_at_both_poles(texels: np.ndarray) -> np.ndarray:
     return (texels[:, first] + texels[:, second]) / 2
 
 
-def _checkerboard(texture: Texture, scale: np.ndarray, name: str, halves: np.ndarray) -> Plugin:
+def _checkerboard(texture: Texture, scale: np.ndarray, halves: np.ndarray) -> Plugin:
     """Mitsuba's checker board: a square is half a unit wide, and the first colour is where both halves are alike."""
     to_uv = np.eye(4)
     to_uv[[0, 1], [0, 1]] = halves / texture.square
     to_uv[:2, 3] = -(halves + texture.offset) / (2 * texture.square)
     first, second = (_color(scale * color) for color in texture.colors)
-    return Plugin("texture", "checkerboard", name, {"color0": first, "color1": second, "to_uv": Matrix(to_uv)})
+    return Plugin("texture", "checkerboard", {"color0": first, "color1": second, "to_uv": Matrix(to_uv)}, texture.name)
 
 
 def _parts_nothing(shape: Shape) -> bool:
@@ -227,10 +215,10 @@ def _index(medium: Material | None) -> float:
 
 def _media(**media: Material | None) -> dict[str, Value]:
     """What absorbs, of some media by their roles."""
-    absorbing = {role: one.absorption for role, one in media.items() if one is not None and np.any(one.absorption)}
     return {
-        role: Plugin("medium", "homogeneous", "", {"sigma_t": _color(absorption), "albedo": 0.0})
-        for role, absorption in absorbing.items()
+        role: Plugin("medium", "homogeneous", {"sigma_t": _color(medium.absorption), "albedo": 0.0})
+        for role, medium in media.items()
+        if medium is not None and np.any(medium.absorption)
     }
 
 
@@ -238,5 +226,5 @@ def _color(values: ArrayLike) -> Color:
     return Color(_triple(values))
 
 
-def _triple(values: ArrayLike) -> tuple[float, ...]:
+def _triple(values: ArrayLike) -> Triple:
     return tuple(np.broadcast_to(values, (3,)).tolist())

@@ -1,9 +1,8 @@
 """The import of Mitsuba 3's scenes, as far as the physical model covers them; the rest is named."""
 
-import dataclasses
 import math
-import os
 import re
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,23 +16,16 @@ from ...scene import build
 from ...scene.rows import Description
 from ...scene.scene import Scene
 from ...scene.setting_words import MAX_BOUNCES
-from ...tracer.resolved_settings import resolve_settings
-from ..described import BLACK, Material, Shape
+from ...tracer.settings import resolve_settings
+from ...util.files import StrPath
+from ..described import BLACK, Material, Shape, unit
 from ..media import SurfaceMedia, surface_media
 from .parser import KNOWN, read_plugins, unread_properties
 from .plugins import Plugin, numbered
-from .shapes import (
-    deepest_first,
-    endless_glass,
-    other_side,
-    read_medium,
-    read_shape,
-    read_sky,
-    with_indices,
-)
+from .shapes import deepest_first, endless_glass, other_side, read_medium, read_shape, read_sky, with_indices
 
 
-def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None) -> tuple[Scene, tuple[str, ...]]:
+def import_scene(path: StrPath, *, dtype: DTypeLike | None = None) -> tuple[Scene, tuple[str, ...]]:
     """Read a scene of Mitsuba 3, in XML.
 
     It reads perspective cameras; spheres and rectangles; dielectric, conductor and diffuse surfaces and what is
@@ -60,7 +52,7 @@ def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None
             try:
                 read(plugin)
             except RaytraceError as error:
-                raise SceneError(f"{path}: {plugin.tag} {plugin.name or plugin.kind}: {error}") from error
+                raise SceneError(f"{path}: {plugin.tag} {plugin.called}: {error}") from error
     return reader.scene(dtype), tuple(dict.fromkeys(reader.lost))
 
 
@@ -76,15 +68,18 @@ class _Importer:
         self.background: list[Description] = []
         self.others: list[Description] = []
         self.shapes: list[Shape] = []
-        self.names: dict[str, set[str]] = {}
+        self.names: dict[str, set[str]] = defaultdict(set)
 
     def name(self, kind: str, said: str) -> str:
         """A name that a block may have, another one for each block of a kind."""
         word = re.sub(r"[^\w-]+", "_", plain_name(said)).strip("_") or kind
-        taken = self.names.setdefault(kind, set())
-        found = next(name for name in numbered(word, "") if name not in taken)
-        taken.add(found)
-        return found
+        names = self.names[kind]
+        name = next(name for name in numbered(word, "") if name not in names)
+        names.add(name)
+        return name
+
+    def skip(self, plugin: Plugin) -> None:
+        self.lost.append(f"{plugin.tag} {plugin.called} of type {plugin.kind}")
 
     def read_integrator(self, plugin: Plugin) -> None:
         if plugin.kind not in ("path", "volpath", "volpathmis"):
@@ -100,8 +95,7 @@ class _Importer:
     def read_sensor(self, plugin: Plugin) -> None:
         """Read the camera, the first one of several."""
         if self.camera is not None or plugin.kind not in ("perspective", "thinlens"):
-            self.lost.append(f"sensor {plugin.name or plugin.kind} of type {plugin.kind}")
-            return
+            return self.skip(plugin)
         self.eye_medium = read_medium(plugin.values.get("medium"), self.eye_medium, self.lost)
         self.camera = read_camera(plugin, self.name("camera", plugin.name or "eye"), self.lost)
 
@@ -116,29 +110,27 @@ class _Importer:
             file = Path(str(plugin.values.get("filename", ""))).name
             sky = self.name("texture", file.removesuffix(".exr").split(".")[-1])
             name = self.name("background", plugin.name or "sky")
-            texels = read_sky(plugin, self.path, self.lost)
+            texels = read_sky(plugin, self.lost)
             scale = plugin.number("scale", 1.0)
             self.others.append(build.texture(sky, kind="image", file=texels, wrap="repeat"))
             self.background = [build.background(name, radiance=(scale,) * 3, texture=sky)]
         else:
-            self.lost.append(f"emitter {plugin.name or plugin.kind} of type {plugin.kind}")
+            self.skip(plugin)
 
     def read_shape(self, plugin: Plugin) -> None:
-        called = plugin.name or plugin.kind
         if plugin.kind not in ("sphere", "rectangle"):
-            self.lost.append(f"shape {called} of type {plugin.kind}")
-            return
+            return self.skip(plugin)
         lost: list[str] = []
-        shape = read_shape(plugin, self.path, self.camera.values["viewpoint"] if self.camera else None, lost)
-        self.lost += [f"shape {called}: {words}" for words in lost]
+        shape = read_shape(plugin, self.camera.values["viewpoint"] if self.camera else None, lost)
+        self.lost += [f"shape {plugin.called}: {words}" for words in lost]
         if shape is not None:
-            self.shapes.append(shape._replace(name=self.name("shape", called)))
+            self.shapes.append(shape._replace(name=self.name("shape", plugin.called)))
 
     def scene(self, dtype: DTypeLike | None) -> Scene:
         """The scene of all that was read. Raises SceneError if there is no camera."""
         if self.camera is None:
             raise SceneError(f"{self.path}: has no perspective sensor.")
-        shapes = self.shapes_in_media(dtype)
+        shapes = self.shapes_in_media(self.camera, dtype)
         # Matt surfaces get light from points alone.
         kinds = ["the sky"] if self.background else []
         kinds += ["shapes that shine"] * any(shape.material.emission != BLACK for shape in shapes)
@@ -150,43 +142,38 @@ class _Importer:
         for shape in shapes:
             called = plain_name(shape.material.name) or f"{shape.name}_material"
             same = materials.setdefault(called, [])
-            material = dataclasses.replace(shape.material, name=called)
+            material = shape.material._replace(name=called)
             name = next((name for known, name in same if known.is_like(material)), None)
             if name is None:
                 name = self.name("material", called)
                 same.append((material, name))
                 blocks += material.blocks(name, lambda said: self.name("texture", said))
-            blocks.append(CONSTRUCTORS[shape.keyword](shape.name, material=name, **shape.numbers))
+            blocks.append(shape.block(name))
         settings = build.settings("main", **self.settings)
         return build.make_scene(settings, self.camera, *self.background, *self.others, *blocks, dtype=dtype)
 
-    def shapes_in_media(self, dtype: DTypeLike | None) -> list[Shape]:
+    def shapes_in_media(self, camera: Description, dtype: DTypeLike | None) -> list[Shape]:
         """The shapes in the order in which the tracer has the file's media, with indices against vacuum."""
-        assert self.camera is not None
-        shapes = deepest_first(endless_glass(self.shapes, self.camera.values["viewpoint"], self.lost))
-        media = self.media(shapes, dtype)
+        shapes = deepest_first(endless_glass(self.shapes, camera.values["viewpoint"], self.lost))
+        media = _media(shapes, camera, dtype)
         for shape, (outside, _) in zip(list(shapes), media.sides, strict=True):
             # One plane of a medium without end does for all shapes in it.
             if shape.keyword == "plane" and shape.outside is not None and outside is None:
                 shapes.append(other_side(shape, self.name("shape", f"{shape.name}_outside")))
-                media = self.media(shapes, dtype)
+                media = _media(shapes, camera, dtype)
                 break
         eye = BLACK if media.eye is None else shapes[media.eye].material.absorption
         if not np.allclose(self.eye_medium.absorption, eye):
             self.lost.append("sensor: medium; what is around it here absorbs otherwise")
         return with_indices(shapes, media, self.lost)
 
-    def media(self, shapes: Sequence[Shape], dtype: DTypeLike | None) -> SurfaceMedia:
-        assert self.camera is not None
-        blocks = [build.material("clear", transmission=1.0), build.material("dark")]
-        for shape in shapes:
-            material = "clear" if shape.material.is_glass else "dark"
-            blocks.append(CONSTRUCTORS[shape.keyword](shape.name, material=material, **shape.numbers))
-        scene = build.make_scene(build.settings("main", model="physical"), self.camera, *blocks, dtype=dtype)
-        return surface_media(scene, resolve_settings(scene, None))
 
-
-CONSTRUCTORS = {"sphere": build.sphere, "rectangle": build.rectangle, "plane": build.plane}
+def _media(shapes: Sequence[Shape], camera: Description, dtype: DTypeLike | None) -> SurfaceMedia:
+    """The media on both sides of the shapes' surfaces, as the tracer has them."""
+    blocks = [build.material("clear", transmission=1.0), build.material("dark")]
+    blocks += [shape.block("clear" if shape.material.is_glass else "dark") for shape in shapes]
+    scene = build.make_scene(camera, *blocks, dtype=dtype, model="physical")
+    return surface_media(scene, resolve_settings(scene, None))
 
 
 def plain_name(said: str) -> str:
@@ -200,7 +187,7 @@ def read_camera(sensor: Plugin, name: str, lost: list[str]) -> Description:
         lost.append("sensor thinlens: all is in focus")
     film = sensor.values.get("film")
     if not isinstance(film, Plugin):
-        film = Plugin("film", "hdrfilm", "", {})
+        film = Plugin("film", "hdrfilm", {})
     # Mitsuba's film has 768 x 576 pixels where nothing is said.
     width, height = (int(film.number(key, side)) for key, side in (("width", 768), ("height", 576)))
     lost += [f"film {key}" for key in film.values if key.startswith("crop_")]
@@ -212,7 +199,7 @@ def read_camera(sensor: Plugin, name: str, lost: list[str]) -> Description:
     if str(channels).lower() not in ("rgb", "rgba"):
         lost.append(f"film pixel_format {channels}: a picture is red, green and blue")
     matrix = sensor.transform()
-    origin, up, forward = matrix[:3, 3], matrix[:3, 1], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+    origin, up, forward = matrix[:3, 3], matrix[:3, 1], unit(matrix[:3, 2])
     # The axis' point that is nearest to the world's origin, if it is ahead: far off, so that little is rounded away.
     target = origin + max(1.0, float(-origin @ forward)) * forward
     if np.linalg.det(matrix[:3, :3]) < 0:
@@ -224,9 +211,9 @@ def read_camera(sensor: Plugin, name: str, lost: list[str]) -> Description:
     return build.camera(
         name,
         pixeldim=(width, height),
-        viewpoint=tuple(origin.tolist()),
-        lookat=tuple(target.tolist()),
-        up=tuple(up.tolist()),
+        viewpoint=origin,
+        lookat=target,
+        up=up,
         fov=_horizontal_fov(sensor, width, height),
         **center,
     )

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import RaytraceError, SceneError
+from ...util.files import StrPath
 from ...util.text import install
 from .plugins import Color, Matrix, Plugin, Point, Value, numbered
 
@@ -24,7 +25,7 @@ GREY = {"uniform": "value", "d65": "scale"}
 """Spectra that are white times a number, with that number's name; daylight is white."""
 
 
-def read_plugins(path: str | os.PathLike[str]) -> list[Plugin]:
+def read_plugins(path: StrPath) -> list[Plugin]:
     """The plugins of a scene file, in its order, with references replaced by what they refer to.
 
     Raises:
@@ -47,7 +48,7 @@ def read_plugins(path: str | os.PathLike[str]) -> list[Plugin]:
     try:
         state = mitsuba.parser.parse_file(config, os.fspath(path))
         mitsuba.parser.transform_all(config, state)
-        scene = _Tree(mitsuba, state).plugin(0)
+        scene = _Tree(mitsuba, state, Path(path).parent).plugin(0)
     except (RuntimeError, UnicodeDecodeError) as cause:
         # A line without the places in Mitsuba's source.
         words = " ".join(re.sub(r"\[\w+\.(cpp|h):\d+\] (Error while loading )?", "", str(cause)).split()).rstrip(".")
@@ -60,8 +61,8 @@ def read_plugins(path: str | os.PathLike[str]) -> list[Plugin]:
 class _Tree:
     """The nodes of a parsed file as plugins, each of them one however often it is referred to."""
 
-    def __init__(self, mitsuba: ModuleType, state: Any):
-        self.mitsuba, self.state = mitsuba, state
+    def __init__(self, mitsuba: ModuleType, state: Any, folder: Path):
+        self.mitsuba, self.state, self.folder = mitsuba, state, folder
         self.done: dict[int, Plugin] = {}
 
     def plugin(self, index: int) -> Plugin:
@@ -75,7 +76,7 @@ class _Tree:
             if isinstance(value, Plugin) and (key.startswith("_arg_") or value.tag in ROLES):
                 place = next(name for name in numbered(value.tag) if name not in values)
             values[place] = value
-        found = Plugin(TAGS.get(tag, tag), node.props.plugin_name(), node.props.id(), values)
+        found = Plugin(TAGS.get(tag, tag), node.props.plugin_name(), values, node.props.id())
         self.done[index] = found
         return found
 
@@ -97,7 +98,7 @@ class _Tree:
             return Color(numbers) if kind == "Color" else Point(numbers)
         if kind == "Transform":
             return Matrix(np.array(value.matrix))
-        return str(self.mitsuba.file_resolver().resolve(value)) if key == "filename" else value
+        return str(self.folder / str(self.mitsuba.file_resolver().resolve(value))) if key == "filename" else value
 
     def grey(self, scale: Any, node: Any, what: str) -> Color:
         if isinstance(scale, int | float):
@@ -153,6 +154,6 @@ def unread_properties(plugins: Iterable[Plugin]) -> Iterator[str]:
             # A second plugin of a role has its number behind it: "bsdf 2".
             name = key.partition(" ")[0]
             if name not in names.split():
-                yield f"{plugin.tag} {plugin.name or plugin.kind}: {name}"
+                yield f"{plugin.tag} {plugin.called}: {name}"
             if isinstance(value, Plugin):
                 left.append(value)

@@ -8,22 +8,27 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 
 from ...errors import SceneError
+from ..described import Triple
 
 
 class Color(NamedTuple):
     """Three numbers, red, green and blue, scene-linear."""
 
-    values: tuple[float, ...]
+    values: Triple
 
 
 class Point(NamedTuple):
-    values: tuple[float, ...]
+    """A `<point>` of Mitsuba's."""
+
+    values: Triple
 
 
 class LookAt(NamedTuple):
-    origin: tuple[float, ...]
-    target: tuple[float, ...]
-    up: tuple[float, ...]
+    """A `<lookat>` of Mitsuba's: from where, to where, and which way is up."""
+
+    origin: Triple
+    target: Triple
+    up: Triple
 
 
 class Matrix(NamedTuple):
@@ -43,8 +48,13 @@ class Plugin(NamedTuple):
 
     tag: str  # As `shape`, `bsdf`, `texture` or `emitter`.
     kind: str
-    name: str  # Its id; empty where it has none.
     values: "Mapping[str, Value]"
+    name: str = ""  # Its id; empty where it has none.
+
+    @property
+    def called(self) -> str:
+        """What people know it by: its id, or its kind where it has none."""
+        return self.name or self.kind
 
     def value(self, key: str, kinds: Any, default: Any) -> Any:
         """A property. Raises SceneError if it is none of these kinds of values."""
@@ -57,7 +67,7 @@ class Plugin(NamedTuple):
     def number(self, key: str, default: float) -> float:
         return float(self.value(key, int | float, default))
 
-    def color(self, key: str, default: float) -> tuple[float, ...]:
+    def color(self, key: str, default: float) -> Triple:
         """A colour; one number is grey."""
         found = self.value(key, Color | int | float, default)
         return found.values if isinstance(found, Color) else (float(found),) * 3
@@ -66,10 +76,10 @@ class Plugin(NamedTuple):
         """A transform, 4 x 4; the identity where there is none."""
         return self.value(key, Matrix, Matrix(np.eye(4))).values
 
-    def place(self, key: str) -> tuple[float, ...]:
+    def place(self, key: str) -> np.ndarray:
         """Where a point lies after the plugin's transform; that point is the origin where none is given."""
         point = self.value(key, Point, Point((0.0, 0.0, 0.0))).values
-        return tuple((self.transform() @ np.array([*point, 1.0]))[:3].tolist())
+        return (self.transform() @ [*point, 1.0])[:3]
 
 
 def numbered(name: str, between: str = " ") -> Iterable[str]:

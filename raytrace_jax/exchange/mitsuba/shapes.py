@@ -1,20 +1,27 @@
 """Mitsuba's spheres and rectangles with their materials, textures and media, and its skies."""
 
-import dataclasses
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.linalg import norm
 
 from ...errors import SceneError
 from ...images.pictures import read_whole_picture
-from ..described import BLACK, Material, Shape, Texture, reach
+from ..described import BLACK, Material, Shape, Texture, Triple, reach, unit
 from ..media import SurfaceMedia
 from .plugins import UPSIDE_DOWN, Color, Plugin, Value
 
 WHITE, GREY = (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)
+
+Lost = list[str]
+"""What we have not, a few words each; a function adds to it what it comes upon."""
+
+Halves = np.ndarray | None
+"""The halves of a rectangle's sides; None for a sphere."""
 
 INDICES = {
     "vacuum": 1.0, "helium": 1.000036, "hydrogen": 1.000132, "air": 1.000277, "carbon dioxide": 1.00045,
@@ -26,7 +33,7 @@ INDICES = {
 """The indices of refraction that Mitsuba has names for (its source, `ior.h`)."""
 
 
-def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: list[str]) -> Shape | None:
+def read_shape(plugin: Plugin, eye: Sequence[float] | None, lost: Lost) -> Shape | None:
     """A shape, yet without a name; None where it is of a form that we have not. `lost` gets what else we have not.
 
     `eye` is where the camera is; None where there is none.
@@ -34,31 +41,31 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
     numbers = _numbers(plugin, lost)
     if numbers is None:
         return None
-    is_flat = plugin.kind == "rectangle"
-    halves = np.array([np.linalg.norm(numbers[side]) for side in ("right", "up")]) if is_flat else None
-    surface = read_bsdf(plugin, path, halves, lost)
+    is_flat, is_flipped = plugin.kind == "rectangle", plugin.values.get("flip_normals") is True
+    halves = np.array([norm(numbers[side]) for side in ("right", "up")]) if is_flat else None
+    surface = read_bsdf(plugin, halves, lost)
     inner, outer = "interior", "exterior"
     # A mirrored sphere's normals point inwards as well (those of a rectangle follow from its sides).
     is_mirrored = np.linalg.det(plugin.transform()[:3, :3]) < 0
-    if not is_flat and is_mirrored != (plugin.values.get("flip_normals") is True):
+    if not is_flat and is_mirrored != is_flipped:
         if surface.inside and "emitter" not in plugin.values:
-            surface = dataclasses.replace(surface, inside=surface.outside, outside=surface.inside)
+            surface = surface._replace(inside=surface.outside, outside=surface.inside)
             inner, outer = outer, inner
         else:
             lost.append("a mirror in to_world" if is_mirrored else "flip_normals")
     surface = read_medium(plugin.values.get(inner), surface, lost)
-    surface = read_radiance(plugin, path, halves, surface, lost)
+    surface = read_radiance(plugin, halves, surface, lost)
     around = read_medium(plugin.values.get(outer), Material("", ior=surface.outside), lost)
-    if is_flat and surface.inside and plugin.values.get("flip_normals") is True:
-        numbers["right"] = tuple(-x for x in numbers["right"])
+    if is_flat and surface.inside and is_flipped:
+        numbers["right"] = -numbers["right"]
     if is_flat and surface.emission != BLACK and eye is not None:
-        side = -1 if plugin.values.get("flip_normals") is True else 1
+        side = -1 if is_flipped else 1
         if side * np.cross(numbers["right"], numbers["up"]) @ np.subtract(eye, numbers["center"]) < 0:
             lost.append("it shines to the camera too, from its back")
     return Shape(plugin.kind, "", numbers, surface, outside=around if np.any(around.absorption) else None)
 
 
-def _numbers(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
+def _numbers(plugin: Plugin, lost: Lost) -> dict[str, Any] | None:
     """The numbers of a sphere or a rectangle; None for an ellipsoid, and a rectangle that is askew."""
     # Lengths that differ by a smaller share are equal, and directions that lean less are at right angles.
     matrix, equal = plugin.transform(), 1e-9
@@ -69,23 +76,22 @@ def _numbers(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
             return None
         return {"center": plugin.place("center"), "radius": radius * math.sqrt(gram[0, 0])}
     right, up = matrix[:3, 0], matrix[:3, 1]
-    if abs(right @ up) > equal * np.linalg.norm(right) * np.linalg.norm(up):
+    if abs(right @ up) > equal * norm(right) * norm(up):
         lost.append("its sides are not at right angles")
         return None
-    return {"center": tuple(matrix[:3, 3].tolist()), "right": tuple(right.tolist()), "up": tuple(up.tolist())}
+    return {"center": matrix[:3, 3], "right": right, "up": up}
 
 
-def endless_glass(shapes: Sequence[Shape], eye: Sequence[float], lost: list[str]) -> list[Shape]:
+def endless_glass(shapes: Sequence[Shape], eye: Sequence[float], lost: Lost) -> list[Shape]:
     """The shapes with planes for rectangles of glass so large that no end of them is seen; others are left out."""
     found, far = [], 100 * reach(shapes, np.asarray(eye))
     for shape in shapes:
         if shape.keyword == "rectangle" and shape.material.is_glass:
-            right, up = (np.asarray(shape.numbers[side]) for side in ("right", "up"))
-            if not 0 < far <= min(np.linalg.norm(right), np.linalg.norm(up)):
+            right, up = shape.numbers["right"], shape.numbers["up"]
+            if not 0 < far <= min(norm(right), norm(up)):
                 lost.append(f"shape {shape.name}: flat glass that ends, which has no inside here; it is left out")
                 continue
-            normal = np.cross(right / np.linalg.norm(right), up / np.linalg.norm(up))
-            numbers = {"point": shape.numbers["center"], "normal": tuple(normal.tolist())}
+            numbers = {"point": shape.numbers["center"], "normal": np.cross(unit(right), unit(up))}
             shape = shape._replace(keyword="plane", numbers=numbers)
         found.append(shape)
     return found
@@ -94,30 +100,26 @@ def endless_glass(shapes: Sequence[Shape], eye: Sequence[float], lost: list[str]
 def other_side(plane: Shape, name: str) -> Shape:
     """What absorbs outside of a plane, as a plane that looks the other way."""
     assert plane.outside is not None
-    material, said = plane.material, plane.outside
-    medium = dataclasses.replace(
-        said, transmission=1.0, inside=material.outside, outside=material.inside, ior=material.outside / material.inside
-    )
-    numbers = plane.numbers | {"normal": tuple(-x for x in plane.numbers["normal"])}
-    return Shape("plane", name, numbers, medium)
+    inside, outside = plane.material.outside, plane.material.inside
+    medium = plane.outside._replace(transmission=1.0, inside=inside, outside=outside, ior=inside / outside)
+    return Shape("plane", name, plane.numbers | {"normal": -plane.numbers["normal"]}, medium)
 
 
 def deepest_first(shapes: Sequence[Shape]) -> list[Shape]:
     """The shapes with parallel planes in the order in which all of them are seen, for the first in a file decides."""
-    found, parallel = list(shapes), dict[tuple[float, ...], list[int]]()
-    for k, shape in enumerate(shapes):
-        if shape.keyword == "plane":
-            parallel.setdefault(tuple(np.round(shape.numbers["normal"], 6).tolist()), []).append(k)
-    for places in parallel.values():
-        planes = sorted(
-            (shapes[k] for k in places), key=lambda one: np.dot(one.numbers["normal"], one.numbers["point"])
-        )
-        for k, plane in zip(places, planes, strict=True):
-            found[k] = plane
-    return found
+    parallel = defaultdict[Triple | None, list[Shape]](list)
+
+    def normal(shape: Shape) -> Triple | None:
+        return tuple(np.round(shape.numbers["normal"], 6).tolist()) if shape.keyword == "plane" else None
+
+    for shape in shapes:
+        parallel[normal(shape)].append(shape)
+    for planes in (planes for key, planes in parallel.items() if key is not None):
+        planes.sort(key=lambda plane: np.dot(plane.numbers["normal"], plane.numbers["point"]))
+    return [parallel[normal(shape)].pop(0) for shape in shapes]
 
 
-def with_indices(shapes: Sequence[Shape], media: SurfaceMedia, lost: list[str]) -> list[Shape]:
+def with_indices(shapes: Sequence[Shape], media: SurfaceMedia, lost: Lost) -> list[Shape]:
     """The shapes with indices against vacuum for inner and outer ones, found from outside of all glass inwards."""
     done: dict[int, Material] = {}
 
@@ -126,19 +128,19 @@ def with_indices(shapes: Sequence[Shape], media: SurfaceMedia, lost: list[str]) 
             material, around = shapes[place].material, media.sides[place][0]
             # Surfaces that cut, and both sides of a plane, may each lie in the other: the file's index is from vacuum.
             if around in within:
-                return dataclasses.replace(material, ior=material.inside)
+                return material._replace(ior=material.inside)
             outer = None if around is None else glass(around, within | {place})
             ior = material.inside / material.outside * (1.0 if outer is None else outer.ior)
             if outer is not None and outer.inside == material.outside:
                 ior = material.inside * (outer.ior / outer.inside)  # Exact where the file's indices are.
-            done[place] = dataclasses.replace(material, ior=ior)
+            done[place] = material._replace(ior=ior)
         return done[place]
 
     found = []
     for place, (shape, (outside, inside)) in enumerate(zip(shapes, media.sides, strict=True)):
         if shape.material.is_glass:
             # What is the same against vacuum is one material, whatever is around it.
-            shape = shape._replace(material=dataclasses.replace(glass(place), inside=0.0, outside=1.0))
+            shape = shape._replace(material=glass(place)._replace(inside=0.0, outside=1.0))
             if inside != place:
                 lost.append(f"shape {shape.name}: glass in glass of which here the smaller decides, not its surface")
         around = BLACK if outside is None else shapes[outside].material.absorption
@@ -148,7 +150,7 @@ def with_indices(shapes: Sequence[Shape], media: SurfaceMedia, lost: list[str]) 
     return found
 
 
-def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[str]) -> Material:
+def read_bsdf(shape: Plugin, halves: Halves, lost: Lost) -> Material:
     """Read what a surface does with light; what it has and we have not is added to `lost`."""
     # Wrappers are taken off, but for what they do: the material within is read, by the outermost name that there is.
     bsdf = shape.values.get("bsdf")
@@ -188,11 +190,11 @@ def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[s
     if smooth != "diffuse":
         lost.append(f"bsdf {bsdf.kind}; it is matt and grey")
         return Material(name, diffuse=GREY)
-    color, texture = _colored(bsdf, "reflectance", 0.5, path, halves, lost)
+    color, texture = _colored(bsdf, "reflectance", 0.5, halves, lost)
     return Material(name, diffuse=color, texture=texture)
 
 
-def read_radiance(shape: Plugin, path: Path, halves: np.ndarray | None, surface: Material, lost: list[str]) -> Material:
+def read_radiance(shape: Plugin, halves: Halves, surface: Material, lost: Lost) -> Material:
     """The surface with the light of its own."""
     emitter = shape.values.get("emitter")
     if not isinstance(emitter, Plugin):
@@ -200,15 +202,15 @@ def read_radiance(shape: Plugin, path: Path, halves: np.ndarray | None, surface:
     if emitter.kind != "area":
         lost.append(f"emitter of type {emitter.kind}")
         return surface
-    color, texture = _colored(emitter, "radiance", 1.0, path, halves, lost)
+    color, texture = _colored(emitter, "radiance", 1.0, halves, lost)
     if surface.texture is not None and not surface.texture.is_like(texture):
         lost.append("its reflectance has another texture than its radiance, which is taken")
     elif surface.texture is None and texture is not None and surface.diffuse != BLACK:
         lost.append("its radiance has a texture and its reflectance none; both have it")
-    return dataclasses.replace(surface, emission=color, texture=texture)
+    return surface._replace(emission=color, texture=texture)
 
 
-def read_medium(medium: Value | None, surface: Material, lost: list[str]) -> Material:
+def read_medium(medium: Value | None, surface: Material, lost: Lost) -> Material:
     """The surface with what its inside absorbs."""
     if not isinstance(medium, Plugin):
         return surface
@@ -218,17 +220,15 @@ def read_medium(medium: Value | None, surface: Material, lost: list[str]) -> Mat
     albedo, scale = medium.values.get("albedo", 0.75), medium.number("scale", 1.0)
     if albedo.values != BLACK if isinstance(albedo, Color) else albedo != 0:
         lost.append("a medium that scatters; it absorbs")
-    return dataclasses.replace(surface, absorption=tuple(scale * x for x in medium.color("sigma_t", 1.0)))
+    return surface._replace(absorption=tuple(scale * x for x in medium.color("sigma_t", 1.0)))
 
 
-def _colored(
-    plugin: Plugin, key: str, default: float, path: Path, halves: np.ndarray | None, lost: list[str]
-) -> tuple[tuple[float, ...], Texture | None]:
+def _colored(plugin: Plugin, key: str, default: float, halves: Halves, lost: Lost) -> tuple[Triple, Texture | None]:
     """A colour of a plugin and the texture that it scales."""
     value = plugin.values.get(key)
     if not isinstance(value, Plugin):
         return plugin.color(key, default), None
-    texture = _texture(value, path, np.ones(2) if halves is None else halves, lost)
+    texture = _texture(value, np.ones(2) if halves is None else halves, lost)
     if texture is None:
         return GREY, None
     if halves is None:
@@ -239,8 +239,7 @@ def _colored(
 
 def _index(value: Value) -> float:
     """An index of refraction, as a number or by its name."""
-    if isinstance(value, str):
-        value = INDICES.get(value.lower(), value)
+    value = INDICES.get(value.lower(), value) if isinstance(value, str) else value
     if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
         raise SceneError(f"the index {value!r} is no number above 0; there are names: {', '.join(INDICES)}.")
     return float(value)
@@ -250,7 +249,7 @@ CLOSE = 1e-5
 """Numbers of which one program has rounded the other's differ by at most this share."""
 
 
-def _texture(plugin: Plugin, path: Path, halves: np.ndarray, lost: list[str]) -> Texture | None:
+def _texture(plugin: Plugin, halves: np.ndarray, lost: Lost) -> Texture | None:
     """A texture on a rectangle whose sides are twice `halves`; None where it is of a kind that we have not."""
     to_uv = plugin.transform("to_uv")
     if plugin.kind == "checkerboard":
@@ -258,7 +257,7 @@ def _texture(plugin: Plugin, path: Path, halves: np.ndarray, lost: list[str]) ->
     if plugin.kind != "bitmap":
         lost.append(f"a texture of type {plugin.kind}")
         return None
-    texels = _picture(plugin, path)
+    texels = _picture(plugin)
     if not np.allclose(to_uv, UPSIDE_DOWN):
         texels = texels[:, ::-1]
         if not np.allclose(to_uv, np.eye(4)):
@@ -270,7 +269,7 @@ def _texture(plugin: Plugin, path: Path, halves: np.ndarray, lost: list[str]) ->
     return Texture(plugin.name, texels=texels, filter=smooth, wrap="repeat" if wrap == "repeat" else "clamp")
 
 
-def _checkerboard(plugin: Plugin, to_uv: np.ndarray, halves: np.ndarray, lost: list[str]) -> Texture | None:
+def _checkerboard(plugin: Plugin, to_uv: np.ndarray, halves: np.ndarray, lost: Lost) -> Texture | None:
     defaults = {"color0": 0.4, "color1": 0.2}
     if any(isinstance(plugin.values.get(key), Plugin) for key in defaults):
         lost.append("a checkerboard of textures")
@@ -288,12 +287,12 @@ def _checkerboard(plugin: Plugin, to_uv: np.ndarray, halves: np.ndarray, lost: l
     return Texture(plugin.name, colors=tuple(colors), square=square, offset=tuple(offset))
 
 
-def read_sky(plugin: Plugin, path: Path, lost: list[str]) -> np.ndarray:
+def read_sky(plugin: Plugin, lost: Lost) -> np.ndarray:
     """The picture all around, as `background` takes it.
 
     Mitsuba's first and last row lie at the poles; ours are in the middle of as many strips.
     """
-    texels = _picture(plugin, path)
+    texels = _picture(plugin)
     turn = plugin.transform()
     if not np.allclose(turn[1, [0, 2]], 0) or not np.isclose(turn[1, 1], 1):
         lost.append("envmap: it is turned about another axis than y; it stands upright")
@@ -316,8 +315,8 @@ def read_sky(plugin: Plugin, path: Path, lost: list[str]) -> np.ndarray:
     return means if means.shape[1] else texels
 
 
-def _picture(plugin: Plugin, path: Path) -> np.ndarray:
-    name = plugin.values.get("filename")
-    if not isinstance(name, str):
+def _picture(plugin: Plugin) -> np.ndarray:
+    path = plugin.values.get("filename")
+    if not isinstance(path, str):
         raise SceneError(f"{plugin.tag} {plugin.kind} has no filename.")
-    return read_whole_picture(path.parent / name, transfer="course" if plugin.values.get("raw") is True else "srgb")
+    return read_whole_picture(Path(path), transfer="course" if plugin.values.get("raw") is True else "srgb")

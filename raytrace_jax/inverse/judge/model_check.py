@@ -1,44 +1,199 @@
 """The check of the model: fixed numbers that the answer rests on, and causes of a residual that is not noise."""
 
 import dataclasses
-import functools
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy import ndimage
 
+from ...util.digits import with_error
 from ...util.numerics import MAD_TO_SIGMA, TINY, solve_normal
+from ...util.text import listed
 from ..problem.fixed import fixed_numbers, root_covariance
-from ..problem.observation import Observation
+from ..problem.noise import sample_jump, storage_bound
 from ..problem.problem import FitState
-from ..problem.unknowns import Image, Values
-from .assumptions import Assumption, ModelCheck
-from .candidate_causes import (
-    CandidateCause,
+from ..problem.unknowns import Values
+from .columns import free_columns, pixels_to_check
+from .score_test import (
+    Cause,
+    Columns,
+    Hypothesis,
     Rows,
-    film_candidates,
     find_causes,
     fitted,
     largest_shift,
     orthogonal_to,
-    scene_candidates,
+    response_hypotheses,
+    scene_hypotheses,
 )
-from .changes import extent_of, parameter_changes, pixels_to_check
-from .structure import block_scatter, pair_scores
+from .structure import beyond, block_scatter, distant_correlation, weighted
+
+WHAT_IF = 1e-3
+"""Fraction of its size by which a number is taken to be off, in the sentence on what the answer rests on."""
+
+
+class Assumption(NamedTuple):
+    """A number of the scene that a fit took for granted.
+
+    Args:
+        size: how large it is: a single number's magnitude; for a vector's component the vector's length.
+        uncertainty: the standard deviation that was stated; 0 if nothing was.
+        sensitivity: how far each estimate moves per unit of the number.
+    """
+
+    name: str
+    value: float
+    size: float
+    uncertainty: float
+    sensitivity: Float[np.ndarray, " parameters"]
+    unit: str = ""
+
+
+class Contradiction(NamedTuple):
+    """A number that was stated and comes out otherwise.
+
+    Args:
+        found: the estimate and its standard deviation.
+        stated: mean and standard deviation before.
+        deviations: how far they are apart, in standard deviations of their difference.
+    """
+
+    name: str
+    found: tuple[float, float]
+    stated: tuple[float, float]
+    deviations: float
+
+    @classmethod
+    def of(cls, name: str, found: tuple[float, float], stated: tuple[float, float], excess: float = 0.0):
+        """Compare an estimate with what was stated.
+
+        Of least squares `Var(estimate - stated mean) = stated variance - variance of the estimate`. It is at least a
+        tenth of the stated standard deviation: a picture that says next to nothing does not contradict, and a solver
+        rests somewhere near.
+
+        Args:
+            excess: variance of the difference beyond this.
+        """
+        variance = max(stated[1] ** 2 - found[1] ** 2 + excess, (0.1 * stated[1]) ** 2)
+        return cls(name, found, stated, abs(found[0] - stated[0]) / math.sqrt(variance))
+
+    @property
+    def words(self) -> str:
+        """`ball.radius: 2.0312(4), stated 2+-0.005 (6.2 times as far as by chance)`."""
+        stated = "{:.8g}+-{:.2g}".format(*self.stated)
+        far = f"{short_count(self.deviations)} times as far as by chance"
+        return f"{self.name}: {with_error(*self.found)}, stated {stated} ({far})"
+
+
+def contradicted(compared: Iterable[Contradiction]) -> tuple[Contradiction, ...]:
+    """Those of more than 3 standard deviations, the farthest first."""
+    return tuple(sorted((each for each in compared if each.deviations > 3.0), key=lambda each: -each.deviations))
+
+
+class Dependence(NamedTuple):
+    """The fixed number that an estimate depends on most, if all that count as exact are off by the same share.
+
+    Args:
+        change: how much larger the fixed number might be: a thousandth of its `Assumption.size`.
+        shift: how much larger the estimate then is.
+        errors: the shift in total errors of the estimate.
+    """
+
+    estimate: str
+    on: str
+    change: float
+    unit: str
+    shift: float
+    errors: float
+
+    @property
+    def words(self) -> str:
+        """`ball.ior depends most on ball.radius: were that 0.0023 larger, ball.ior would be 0.0015 larger (...)`."""
+        # Other units are the scene's own, and not worth saying.
+        change = f"{self.change:.2g}" + (f" {self.unit}s" if self.unit in ("degree", "pixel") else "")
+        shift = f"{abs(self.shift):.2g} {'larger' if self.shift > 0 else 'smaller'}"
+        return (
+            f"{self.estimate} depends most on {self.on}: were that {change} larger, {self.estimate} would be {shift} "
+            f"({short_count(self.errors)} total errors)"
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelCheck:
+    """The findings of a check of the model.
+
+    Args:
+        assumptions: the most consequential first.
+        causes: the best explanation first.
+        stated, structure: covariance of the estimate from numbers that are stated to be uncertain, and from what the
+            residual shows.
+        distant_correlation: standard score of the correlation of distant pixels, see `structure.distant_correlation`.
+        is_structured: whether the residual is more than noise: it has a cause, or distant pixels correlate by more than
+            single samples at edges make.
+    """
+
+    assumptions: tuple[Assumption, ...]
+    causes: tuple[Cause, ...]
+    stated: Float[np.ndarray, "parameters parameters"]
+    structure: Float[np.ndarray, "parameters parameters"]
+    distant_correlation: float = 0.0
+    is_structured: bool = False
+
+    @classmethod
+    def nothing(cls, count: int) -> "ModelCheck":
+        """The check of a fit of so many parameters whose model was not looked at."""
+        return cls((), (), np.zeros((count, count)), np.zeros((count, count)))
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "parameters parameters"]:
+        """That of all systematic errors."""
+        return self.stated + self.structure
+
+    @property
+    def looks(self) -> str:
+        """What the residual looks like, as the end of a sentence; empty without a cause."""
+        causes = listed(cause.words for cause in self.causes)
+        return f". The residual looks like {causes}" if causes else ""
+
+    def dependence(self, parameter: int, name: str, error: float) -> Dependence | None:
+        """What an estimate with an error depends on most, of the numbers without a stated uncertainty."""
+        exact = [number for number in self.assumptions if not number.uncertainty and number.size]
+        if not exact or not 0 < error < math.inf:
+            return None
+        most = max(exact, key=lambda number: abs(float(number.sensitivity[parameter])) * number.size)
+        change = WHAT_IF * most.size
+        shift = float(most.sensitivity[parameter]) * change
+        if not math.isfinite(shift) or not shift:
+            return None
+        return Dependence(name, most.name, change, most.unit, shift, abs(shift) / error)
+
+
+def short_count(errors: float) -> str:
+    """Two digits of a number of errors, as people write it."""
+    rounded = float(f"{errors:.1e}")
+    if rounded >= 100_000:  # A picture without noise has nearly no error, and anything is very many of them.
+        return "more than 100,000"
+    return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:.2g}"
+
+
+Correlations = Mapping[tuple[str, str], float]
+"""Correlations of uncertain numbers by pairs of canonical names."""
 
 
 def expected_error(
     state: FitState,
     uncertain: Mapping[str, float],
-    correlations: Mapping[tuple[str, str], float],
+    correlations: Correlations,
     check_clock: Callable[[], None] = lambda: None,
 ) -> Values:
     """About the standard errors of the unknowns, before the last steps: those of white noise, and of what is stated.
 
     It is a bound from below. The noise is that of the typical pixel, for those at edges are still off by how they are
-    sampled. A few pixels tell what the scene's stated numbers do; the film's are left out. What is stated counts up to
-    thirty errors of the noise: a tenth of that is left in no pixel of a picture of ten thousand.
+    sampled. A few pixels tell what the scene's stated numbers do; the response's are left out. What is stated counts up
+    to thirty errors of the noise: a tenth of that is left in no pixel of a picture of ten thousand.
     """
     problem, linearization = state.problem, state.linearization
     triangle = np.asarray(linearization.jacobian, np.float64)
@@ -47,23 +202,26 @@ def expected_error(
     names = fixed_numbers(problem, uncertain).keys() & uncertain
     if not names:
         return np.sqrt(variance)
-    pixels = pixels_to_check(problem, state.y, state.stage, linearization, most=4000)
-    pixels = dataclasses.replace(pixels, check_clock=check_clock)
+    pixels = pixels_to_check(state, 4000, check_clock)
     weight = (pixels.sampled.of(state.under_loss("weight")) / pixels.sampled.probability).reshape(-1)
-    numbers = list(scene_candidates(pixels, uncertain, only_stated=True))
-    free = parameter_changes(pixels)
-    free, by_number = (np.reshape(each, (len(each), -1)) for each in (free, [one.change for one in numbers]))
+    numbers, free = scene_hypotheses(pixels, uncertain, only_stated=True), free_columns(pixels)
+    sensitivity = -fitted(free.reshape(len(free), -1), stacked(numbers, weight), weight)
     among = {pair: value for pair, value in correlations.items() if names.issuperset(pair)}
-    moved = stated_moves(-fitted(free, by_number, weight), numbers, among)
-    stated = np.sum(moved**2, axis=1) / np.maximum(problem.slopes(state.y) ** 2, TINY)
+    stated = np.sum(stated_moves(sensitivity, numbers, among) ** 2, axis=1)
+    stated /= np.maximum(problem.slopes(state.y) ** 2, TINY)
     return np.sqrt(np.minimum(variance + stated, 30**2 * variance))
 
 
+def stacked(numbers: Sequence[Hypothesis], weight: Float[np.ndarray, " rows"]) -> Columns:
+    """The columns of some numbers, of as many rows as there are weights."""
+    return np.reshape([number.column for number in numbers], (len(numbers), len(weight)))
+
+
 def stated_moves(
-    sensitivity, numbers: Sequence[CandidateCause], correlations: Mapping[tuple[str, str], float]
+    sensitivity: Float[np.ndarray, "parameters numbers"], numbers: Sequence[Hypothesis], correlations: Correlations
 ) -> Float[np.ndarray, "parameters parts"]:
     """How far each independent part of what is stated of some numbers moves the values, by their sensitivity."""
-    stated = [k for k, one in enumerate(numbers) if one.uncertainty]
+    stated = [k for k, number in enumerate(numbers) if number.uncertainty]
     spread = np.array([numbers[k].uncertainty for k in stated])
     return sensitivity[:, stated] @ root_covariance([numbers[k].name for k in stated], spread, correlations).T
 
@@ -72,7 +230,7 @@ def check_model(
     state: FitState,
     standard_error: Values,
     uncertain: Mapping[str, float],
-    correlations: Mapping[tuple[str, str], float] | None = None,
+    correlations: Correlations = MappingProxyType({}),
     check_clock: Callable[[], None] = lambda: None,
 ) -> ModelCheck:
     """Check the model at an unblurred optimum.
@@ -84,98 +242,60 @@ def check_model(
 
     Args:
         uncertain: standard deviation by canonical name of a fixed number.
-        check_clock: called before each few scenes are rendered; what it raises ends the check.
+        check_clock: called before each few scenes are rendered; raise in it to abort.
     """
     problem, linearization, observation = state.problem, state.linearization, state.problem.observation
-    # How the picture changes with the free parameters, the scene's fixed numbers, and the film's.
-    pixels = dataclasses.replace(pixels_to_check(problem, state.y, state.stage, linearization), check_clock=check_clock)
+    # How the picture changes with the free parameters, the scene's fixed numbers, and the response's.
+    pixels = pixels_to_check(state, check_clock=check_clock)
     sampled = pixels.sampled
     light = np.asarray(linearization.image if pixels.radiance is None else pixels.radiance, np.float64)
-    changes = parameter_changes(pixels)
-    free = changes.reshape(len(changes), -1)
-    of_scene = list(scene_candidates(pixels, uncertain))
-    of_film = list(film_candidates(pixels, light + np.asarray(observation.bias, np.float64), uncertain))
+    free = free_columns(pixels)
+    free = free.reshape(len(free), -1)
+    of_scene = scene_hypotheses(pixels, uncertain)
+    of_response = list(response_hypotheses(pixels, light + np.asarray(observation.bias, np.float64), uncertain))
 
-    # Evidence is the residual beyond quantisation, and beyond what other stages of the observation make by themselves.
+    # Evidence is the residual beyond what the storing of the target makes by itself.
     residual, weight = np.asarray(state.residual, np.float64), state.under_loss("weight")
-    bound = functools.reduce(np.maximum, (one.bound(observation) for one in problem.stages), np.zeros(()))
+    bound = storage_bound(problem)
     evidence = beyond(observation, residual, weight, bound)
     rows = Rows(
         residual=sampled.of(residual).reshape(-1),
         evidence=sampled.of(evidence).reshape(-1),
         weight=(sampled.of(weight) / sampled.probability).reshape(-1),
-        square=np.tile(sampled.square, 3),
-        bound=sampled.of(np.broadcast_to(weighted(observation, bound), residual.shape)).reshape(-1),
+        block=np.tile(sampled.block, 3),
+        bound=sampled.of(weighted(observation, bound)).reshape(-1),
     )
 
-    # How far the estimate moves with each fixed number, and with those that are stated to be uncertain.
-    numbers = [*of_scene, *(one for one in of_film if one.uncertainty)]
-    by_number = np.reshape([one.change for one in numbers], (len(numbers), free.shape[1]))
-    sensitivity = -fitted(free, by_number, rows.weight)
-    spread = np.array([one.uncertainty for one in numbers])
-    named = [one.name for one in numbers if one.uncertainty]
-    moved = stated_moves(sensitivity, numbers, correlations or {})
-    assumptions = ranked(numbers, sensitivity, standard_error)
+    # How far the estimate moves with each fixed number, ranked by what the same share of each does to it.
+    numbers = [*of_scene, *(each for each in of_response if each.uncertainty)]
+    columns = stacked(numbers, rows.weight)
+    sensitivity = -fitted(free, columns, rows.weight)
+    moved = stated_moves(sensitivity, numbers, correlations)
+    consequence = largest_shift(sensitivity, standard_error) * np.array([each.size for each in numbers])
+    ranked = [(numbers[k], sensitivity[:, k]) for k in np.argsort(-consequence, kind="stable")]
+    assumptions = tuple(
+        Assumption(n.name, n.value, n.size, n.uncertainty, shift, n.attribute.unit) for n, shift in ranked
+    )
 
     # What the residual looks like beside what is free or stated to be uncertain.
-    nuisance = np.concatenate([free, by_number[spread > 0]])
+    is_stated = [each.uncertainty > 0 for each in numbers]
+    nuisance = np.concatenate([free, columns[is_stated]])
     pulls = weight * evidence
-    if named:  # How hard the residual pulls once the nuisance has been fitted to it; 0 at other pixels.
+    if any(is_stated):  # How hard the residual pulls once the nuisance has been fitted to it; 0 at other pixels.
         rest = orthogonal_to(nuisance, rows.evidence[None], rows.weight)[0] * rows.weight
         pulls = np.zeros(weight.shape)
         pulls[:, sampled.row, sampled.column] = rest.reshape(3, -1) * sampled.probability
-    pairs = pair_scores(pulls, extent_of(problem))
-    candidates = [one for one in (*of_scene, *of_film) if not one.uncertainty]
-    causes, structure = find_causes(rows, free, nuisance, candidates, standard_error)
+    hypotheses = [each for each in (*of_scene, *of_response) if not each.uncertainty]
+    causes, structure = find_causes(rows, free, nuisance, hypotheses, standard_error)
 
-    # Errors that go together over many pixels count in the error, also without a cause.
-    far_matters = False
-    if pairs.is_far:
+    # Errors that go together over many pixels count in the error, also without a cause. They speak against the model if
+    # they move an estimate by more than its standard error, or are more than single samples at edges make.
+    correlation, is_structured = distant_correlation(pulls, problem.extent), bool(causes)
+    if correlation > 3.0:
         slope = problem.slopes(state.y)
         jacobian = np.asarray(linearization.pixel_jacobian, np.float64)
         scatter = block_scatter(jacobian / np.where(slope, slope, 1.0)[:, None, None, None], weight, residual)
         structure = structure + scatter
-        moves = largest_shift(np.sqrt(np.diagonal(scatter))[:, None], standard_error)[0] > 1
-        jump = np.array(max((one.jump(observation) for one in problem.stages), default=0.0))
-        far_matters = bool(moves or beyond(observation, evidence, weight, jump).any())
-    return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure, far_matters)
-
-
-def beyond(observation: Observation, residual: Image, weight: Image, bound: np.ndarray) -> Image:
-    """The residuals, but 0 where a bound of them, or the roundings of the fit's precision, may have made them.
-
-    Storing rounds equal colours equally, over whole areas, and that is not noise. Where nearly all residuals of flat
-    areas are within the bound there is no noise beside it, and only what is beyond is evidence. Elsewhere all are. At
-    edges random samples make noise of their own, which tells nothing of the flat areas.
-
-    Args:
-        bound: of each of the target's numbers, in its own unit.
-    """
-    target, counts = np.asarray(observation.target), observation.seen
-    within = np.abs(residual) <= weighted(observation, bound)
-    values, neighbours = np.asarray(target, np.float64), (1, 3, 3)
-    span = ndimage.maximum_filter(values, neighbours) - ndimage.minimum_filter(values, neighbours)
-    is_flat = counts & (span <= 4.0 * bound)
-    looked_at = is_flat if np.mean(is_flat) > 0.05 else counts
-    # Of noise as large as the bound three quarters are within it, of half of that all.
-    outside = np.where(within, 0.0, residual) if np.mean(within[looked_at]) > 0.9 else residual
-    # A thousand roundings: the digits of sums over a hundred thousand pixels.
-    rounding = 1e3 * float(np.finfo(target.dtype).eps) * float(np.max(weighted(observation, np.abs(target))))
-    return outside if np.sqrt(np.mean((weight * outside) ** 2)) >= rounding else np.zeros_like(outside)
-
-
-def weighted(observation: Observation, size: np.ndarray) -> np.ndarray:
-    """Sizes in the target's unit in that of its weighted residual; 0 where the weight is 0."""
-    # A clamped number's step has no end: it must not meet a weight of 0.
-    root = np.asarray(observation.root_weight, np.float64)
-    return np.where(root > 0, size, 0.0) * root
-
-
-def ranked(numbers: Sequence[CandidateCause], sensitivity, standard_error) -> tuple[Assumption, ...]:
-    """The fixed numbers as assumptions, ranked by how far the same share of each moves an estimate, the most first."""
-    consequence = largest_shift(sensitivity, standard_error) * np.array([one.size for one in numbers])
-    found = [
-        Assumption(one.name, one.value, one.size, one.uncertainty, shifts, one.attribute.unit)
-        for one, shifts in zip(numbers, sensitivity.T, strict=True)
-    ]
-    return tuple(found[k] for k in np.argsort(-consequence, kind="stable"))
+        is_structured |= bool(largest_shift(np.sqrt(np.diagonal(scatter))[:, None], standard_error)[0] > 1)
+        is_structured |= bool(beyond(observation, evidence, weight, np.array(sample_jump(state))).any())
+    return ModelCheck(assumptions, causes, moved @ moved.T, structure, correlation, is_structured)

@@ -3,15 +3,15 @@
 import contextlib
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from ...util.numerics import MAD_TO_SIGMA, TINY
+from ..problem.linearize import outer
+from ..problem.noise import rounding_scatter, score_covariance
 from ..problem.problem import FitState
-from ..problem.stages import Scores
 from ..problem.unknowns import Covariance, Values
 
 RANK_TOLERANCE = 1e-9
@@ -70,6 +70,12 @@ class Uncertainty:
         nan, used = np.full((count, count), np.nan), np.nan if sigma is None else sigma
         return cls(nan[0], nan, nan[0], used, np.zeros(count), sigma is not None, np.nan, np.nan, "", ())
 
+    def opened(self, names: Sequence[str], opened: Sequence[str]) -> "Uncertainty":
+        """A copy in which some of the parameters are open: their errors are infinite, and they are undetermined."""
+        error = np.where(np.isin(names, opened), np.inf, self.standard_error)
+        undetermined = tuple(name for name in names if name in opened or name in self.undetermined)
+        return dataclasses.replace(self, standard_error=error, undetermined=undetermined)
+
 
 def noise_level(state: FitState) -> float:
     """Standard deviation of the noise, from residuals where the picture depends on a free parameter.
@@ -88,95 +94,37 @@ def quantify_uncertainty(state: FitState, sigma: float | None, *others: FitState
 
     At the optimum the scores add up to 0, `g = sum J^T rho'(r) = 0`. Noise moves them by a dg of covariance M, and the
     estimate follows by `-H^-1 dg`, H being the loss's second derivative without that of the picture. So the covariance
-    is the sandwich `H^-1 M H^-1` (Huber 1967; White 1980), which holds whatever the noise's distribution. M is the sum
-    of what the stages of the observation add to it. If sigma is larger than the noise that the residuals show, the
-    missing noise is added: no error is below the bound. H and M are taken in the directions in which the Jacobian's
-    triangle R is the identity, since an inverse of `J^T J` would square the condition number.
+    is the sandwich `H^-1 M H^-1` (Huber 1967; White 1980), which holds whatever the noise's distribution. M is that of
+    the noise and of the rounding of the target. If sigma is larger than the noise that the residuals show, the missing
+    noise is added: no error is below the bound. H and M are taken in the directions in which the Jacobian's triangle R
+    is the identity, since an inverse of `J^T J` would square the condition number.
 
     Several pictures that share the unknowns have noise of their own: their H and M add up, and R is that of all rows.
 
-    The covariance of unknowns that a stage or the solver does not tell apart although the derivative does is added.
-    Where sums of squares are beyond the dtype nothing is known, and the errors are NaN.
+    The covariance of displacements is added that the target's samples, or the solver, do not resolve although the
+    derivative does. Where sums of squares are beyond the dtype nothing is known, and the errors are NaN.
 
     Args:
         others: other pictures at the same unknowns, whose residuals have the same unit; `next_step` is that of `state`.
     """
     states, sums = (state, *others), ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
-    if all(np.isfinite(np.asarray(getattr(one.linearization, name))).all() for one in states for name in sums):
+    if all(np.isfinite(np.asarray(getattr(each.linearization, name))).all() for each in states for name in sums):
         with contextlib.suppress(np.linalg.LinAlgError), np.errstate(over="ignore", invalid="ignore"):
-            found = _quantify(states, sigma)
-            if not np.isnan(found.covariance).any():
-                return found
+            uncertainty = _quantify(states, sigma)
+            if not np.isnan(uncertainty.covariance).any():
+                return uncertainty
     return Uncertainty.unknown(len(state.problem.unknowns.names), sigma)
-
-
-class Share(NamedTuple):
-    """What one picture adds to an estimate, by values in natural scales.
-
-    Args:
-        unit: from unknowns to values in natural scales.
-        triangle: that of the Jacobian, with the priors' rows.
-        curvature: `J^T C J` with the priors'.
-        prior: the priors' `1 / deviation`.
-        seen, used: the noise that the residuals show, and the one that counts.
-    """
-
-    state: FitState
-    unit: Values
-    triangle: Float[np.ndarray, "rows parameters"]
-    curvature: Covariance
-    prior: Values
-    seen: float
-    used: float
-
-    @classmethod
-    def of(cls, state: FitState, unit: Values, scale: Values, sigma: float | None) -> "Share":
-        """The share of a picture whose noise is sigma, or as its residuals show it."""
-        seen, linearization = noise_level(state), state.linearization
-        triangle = np.asarray(linearization.jacobian, np.float64) * unit
-        prior = np.asarray(state.problem.prior.precision, np.float64) * scale
-        curvature = by_value(linearization.curvature, unit)
-        return cls(state, unit, triangle, curvature, prior, seen, seen if sigma is None else sigma)
-
-    def meat(self, whiten: Float[np.ndarray, "parameters directions"]) -> Float[np.ndarray, "directions directions"]:
-        """The covariance of its scores along directions: the noise of the priors, and what each stage adds."""
-        problem, linearization = self.state.problem, self.state.linearization
-        jacobian = np.asarray(linearization.pixel_jacobian, np.float64)
-        scores = Scores(
-            jacobian=np.tensordot((self.unit[:, None] * whiten).T, jacobian, 1),
-            weight=self.state.under_loss("weight"),
-            score=self.state.under_loss("score"),
-            scatter=whiten.T @ by_value(linearization.pixel_scatter, self.unit) @ whiten,
-            matters=np.asarray(linearization.matters),
-            picture=np.asarray(linearization.image, np.float64) + np.asarray(problem.observation.bias, np.float64),
-            observation=problem.observation,
-            unseen=max(self.used**2 - self.seen**2, 0.0),
-        )
-        noise = self.state.stage.noise
-        meat = whiten.T @ (np.diag((noise * self.prior) ** 2) * noise**2) @ whiten
-        return meat + sum(one.score_covariance(scores) for one in problem.stages if len(meat))
-
-    def confusion(self) -> Covariance:
-        """That of the unknowns which its stages do not tell apart, although the derivative does."""
-        count = len(self.unit)
-        return sum((one.confusion(count) for one in self.state.problem.stages), np.zeros((count, count)))
-
-    def information(self, sigma: float) -> Covariance:
-        """Its information on the values, times the square of sigma."""
-        found = by_value(self.state.linearization.information, self.unit)
-        # A picture without noise counts a million times as much as one with noise, not infinitely.
-        ratio = 1.0 if self.used == sigma else sigma / max(self.used, 1e-3 * sigma)
-        return found * ratio**2 + np.diag((sigma * self.prior) ** 2)
 
 
 def _quantify(states: Sequence[FitState], sigma: float | None) -> Uncertainty:
     """`quantify_uncertainty` of finite sums. Raises LinAlgError where LAPACK finds no eigenvalues."""
     first, problem = states[0], states[0].problem
     names, scale = problem.unknowns.names, problem.scale
+    # From unknowns to values in natural scales.
     unit = scale / np.maximum(np.abs(problem.slopes(first.y)), TINY)
-    shares = [Share.of(state, unit, scale, sigma) for state in states]
-    used = shares[0].used if len(shares) == 1 else float(np.sqrt(np.mean([share.used**2 for share in shares])))
-    triangle = np.concatenate([share.triangle for share in shares])
+    noises = [noise_level(state) if sigma is None else sigma for state in states]
+    noise = noises[0] if len(states) == 1 else float(np.sqrt(np.mean(np.square(noises))))
+    triangle = np.concatenate([np.asarray(state.linearization.jacobian, np.float64) * unit for state in states])
 
     # What is determined must not depend on units: columns of length one.
     lengths = np.linalg.norm(triangle, axis=0)
@@ -190,31 +138,24 @@ def _quantify(states: Sequence[FitState], sigma: float | None) -> Uncertainty:
     whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
 
     # H, in the directions in which R is the identity. Where it curves down there are outliers only, and R's is taken.
-    bread = whiten.T @ sum(share.curvature for share in shares) @ whiten
+    curvatures = [by_value(state.linearization.curvature, unit) for state in states]
+    bread = whiten.T @ sum(curvatures) @ whiten
     if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:
         bread = np.eye(len(bread))
 
     # The sandwich. A fit without noise is off by a hundred roundings of a natural scale: no error is less.
     half = np.linalg.solve(bread, whiten.T).T
-    meat = sum(share.meat(whiten) for share in shares)
+    meat = sum(scores(state, unit, whiten, used) for state, used in zip(states, noises, strict=True))
     covariance = half @ meat @ half.T + (1e2 * rounding) ** 2 * np.eye(len(names))
-    # What the solver and the stages do not tell apart. The estimate is the mean of those by each picture alone, which
-    # count by their curvature: an error of one moves it by as much.
-    left = np.zeros_like(covariance)
-    for share in shares:
-        follows = half @ whiten.T @ share.curvature if len(shares) > 1 else np.eye(len(names))
-        follows = follows * unit[:, None] / unit  # By unknowns.
-        left = left + follows @ share.confusion() @ follows.T
-    if first.next_step is not None:
-        left = left + np.outer(first.next_step, first.next_step)
-    resolution = left / np.outer(unit, unit)
+    resolution = unresolved(states, unit, [half @ whiten.T @ curvature for curvature in curvatures])
     covariance += resolution
 
     # What no estimate can beat, and how well the noise explains what is left.
+    information = np.sum([information_of(*each, unit, noise) for each in zip(states, noises, strict=True)], axis=0)
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
-    least = inverse_root(np.sum([share.information(used) for share in shares], axis=0), tolerance**2)
+    least = inverse_root(information, tolerance**2)
     # A picture that fits exactly has no noise: infinity must not be multiplied by 0.
-    bound = np.where(np.isfinite(least), used * np.where(np.isfinite(least), least, 0), np.inf)
+    bound = np.where(np.isfinite(least), noise * np.where(np.isfinite(least), least, 0), np.inf)
     undetermined |= spread > LARGEST_ERROR
     freedom = sum(state.problem.observation.count for state in states) - len(names)
     chi_square = sum(float((state.residual**2).sum()) for state in states) / max(freedom, 1)
@@ -222,7 +163,7 @@ def _quantify(states: Sequence[FitState], sigma: float | None) -> Uncertainty:
         standard_error=np.where(undetermined & (spread <= LARGEST_ERROR), np.inf, spread * scale),
         covariance=covariance * np.outer(scale, scale),
         cramer_rao=bound * scale,
-        sigma=used,
+        sigma=noise,
         resolution=np.sqrt(np.maximum(np.diagonal(resolution), 0)) * scale,
         sigma_given=sigma is not None,
         reduced_chi_square=float("nan") if sigma is None else chi_square / sigma**2,
@@ -230,6 +171,62 @@ def _quantify(states: Sequence[FitState], sigma: float | None) -> Uncertainty:
         weakest=direction_in_words(triangle, scale, names),
         undetermined=tuple(names[k] for k in np.flatnonzero(undetermined)),
     )
+
+
+def scores(
+    state: FitState, unit: Values, whiten: Float[np.ndarray, "parameters directions"], noise: float
+) -> Float[np.ndarray, "directions directions"]:
+    """The covariance of a picture's scores along directions: of its priors, its noise, and the rounding of its target.
+
+    Args:
+        unit: from unknowns to values in natural scales.
+        whiten: the directions in such values, in which the Jacobian of all pictures is the identity.
+        noise: that which counts: what is missing in the residuals is added.
+    """
+    problem, linearization, count = state.problem, state.linearization, whiten.shape[1]
+    prior = (state.stage.noise**2 * np.asarray(problem.prior.precision, np.float64) * problem.scale) ** 2
+    covariance = whiten.T @ np.diag(prior) @ whiten
+    if not count:
+        return covariance
+    jacobian = np.tensordot((unit[:, None] * whiten).T, np.asarray(linearization.pixel_jacobian, np.float64), 1)
+    weight, score = state.under_loss("weight"), state.under_loss("score")
+    scatter = whiten.T @ by_value(linearization.pixel_scatter, unit) @ whiten
+    covariance += score_covariance(jacobian, weight, score, np.asarray(linearization.matters), scatter)
+    covariance += max(noise**2 - noise_level(state) ** 2, 0.0) * outer((jacobian * weight).reshape(count, -1))
+    # Equal colours are rounded alike.
+    observation = problem.observation
+    picture, bias, root = (
+        np.asarray(part, np.float64) for part in (linearization.image, observation.bias, observation.root_weight)
+    )
+    target = np.asarray(observation.target, np.float64)
+    return covariance + rounding_scatter(jacobian, weight * root, picture + bias, target)
+
+
+def unresolved(states: Sequence[FitState], unit: Values, follows: Sequence[Covariance]) -> Covariance:
+    """Covariance of values in natural scales that the target's samples and the solver do not resolve.
+
+    Args:
+        follows: how far the estimate follows that of each picture alone, which counts by its curvature.
+    """
+    covariance = np.zeros_like(follows[0])
+    for state, share in zip(states, follows, strict=True):
+        if state.confusion is not None:
+            share = share if len(states) > 1 else np.eye(len(unit))
+            covariance += share @ (state.confusion / np.outer(unit, unit)) @ share.T
+    step = states[0].next_step
+    return covariance if step is None else covariance + np.outer(step / unit, step / unit)
+
+
+def information_of(state: FitState, used: float, unit: Values, noise: float) -> Covariance:
+    """A picture's information on values in natural scales, times the square of the noise.
+
+    Args:
+        used, noise: standard deviation of the picture's own noise, and of that of all pictures.
+    """
+    # A picture without noise counts a million times as much as one with noise, not infinitely.
+    ratio = 1.0 if used == noise else noise / max(used, 1e-3 * noise)
+    prior = noise * np.asarray(state.problem.prior.precision, np.float64) * state.problem.scale
+    return by_value(state.linearization.information, unit) * ratio**2 + np.diag(prior**2)
 
 
 def by_value(matrix: ArrayLike, unit: Values) -> Covariance:

@@ -18,21 +18,21 @@ from .problem import Problem
 from .unknowns import Unknowns
 
 
-def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> dict[str, Parameter]:
+def fixed_numbers(problem: Problem, named: Container[str] = ()) -> dict[str, Parameter]:
     """All numbers that the scene states, the model uses and the fit holds fixed, but for the film's.
 
     A single number that is 0, such as the transparency of a wall, says that there is nothing: it is left out unless it
     is wanted by name. So is what cannot move alone, such as one component of a rectangle's side.
     """
-    scene, moving, found = problem.scene, moving_numbers(problem.scene, problem.unknowns), {}
+    scene, moving, numbers = problem.scene, moving_numbers(problem.scene, problem.unknowns), {}
     for name in scalar_names(scene, list_parameters(scene)):
         parameter = resolve(scene, name)
         address = parameter.address
-        is_absent = address.component is None and name not in wanted and float(address.read(scene)) == 0
+        is_absent = address.component is None and name not in named and float(address.read(scene)) == 0
         is_used = parameter.attribute.is_used_by(problem.base.model) and address.group != FILM
         if is_used and address not in moving and not is_absent and can_move_alone(scene, parameter):
-            found[name] = parameter
-    return found
+            numbers[name] = parameter
+    return numbers
 
 
 def moving_numbers(scene: Scene, unknowns: Unknowns) -> dict[Address, str]:
@@ -93,7 +93,7 @@ def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain)
     Raises:
         ParameterError: an unknown name, a number that is free or tied, a standard deviation that makes no sense.
     """
-    moving, found = moving_numbers(scene, unknowns), dict[str, float]()
+    moving, spread_of = moving_numbers(scene, unknowns), dict[str, float]()
     groups = [(name, amount, numbers_of(scene, name)) for name, amount in uncertain.items()]
     for name, amount, addresses in sorted(groups, key=lambda group: -len(group[2])):
         if all(address in moving for address in addresses):
@@ -102,8 +102,10 @@ def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain)
         spreads = {address: standard_deviation(scene, address, name, amount) for address in addresses}
         if not any(spreads.values()):
             raise ParameterError(f"uncertain {name}={amount}: it is 0, of which a share is nothing; give it in units.")
-        found |= {canonical_name(scene, address): spreads[address] for address in addresses if address not in moving}
-    return {name: spread for name, spread in found.items() if spread > 0}
+        spread_of |= {
+            canonical_name(scene, address): spreads[address] for address in addresses if address not in moving
+        }
+    return {name: spread for name, spread in spread_of.items() if spread > 0}
 
 
 def root_covariance(
@@ -143,8 +145,8 @@ def numbers_of(scene: Scene, name: str) -> list[Address]:
             f"block nor a kind of blocks. Blocks are {listed(dict.fromkeys(block.name for block in every))}; kinds are "
             f"{listed(dict.fromkeys(block.type.group for block in every))}."
         )
-    wanted = [f"{block.name}.{a.name}" for block in owners for a in block.type.continuous] or [name]
-    return [resolve(scene, scalar).address for scalar in scalar_names(scene, wanted)]
+    names = [f"{block.name}.{a.name}" for block in owners for a in block.type.continuous] or [name]
+    return [resolve(scene, scalar).address for scalar in scalar_names(scene, names)]
 
 
 def standard_deviation(scene: Scene, address: Address, name: str, amount: float | str) -> float:
@@ -164,7 +166,7 @@ def standard_deviation(scene: Scene, address: Address, name: str, amount: float 
 def canonical_name(scene: Scene, address: Address) -> str:
     """The name under which a number is listed."""
     block = next(b for b in blocks(scene) if (b.type.group, b.column) == (address.group, address.column))
-    attribute = next(one for one in block.type.continuous if one.name == address.field)
+    attribute = next(each for each in block.type.continuous if each.name == address.field)
     component = [] if address.component is None else [attribute.components[address.component]]
     return ".".join([block.name, address.field, *component])
 
@@ -192,7 +194,7 @@ def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], m
         if radius.address not in said:
             # Fraction of one more than a point's largest coordinate by which Mitsuba 3, in float32, starts rays off a
             # surface (`SurfaceInteraction::offset_p` and `math::RayEpsilon`).
-            parts = (np.abs(np.asarray(radius.block.read(scene, one), np.float64)) for one in ("center", "radius"))
+            parts = (np.abs(np.asarray(radius.block.read(scene, part), np.float64)) for part in ("center", "radius"))
             offsets[name] = float(f"{1500 * 2**-24 * (1 + sum(map(np.max, parts))):.1e}")
     if offsets:
         stated = listed(f"{name}={amount:g}" for name, amount in offsets.items())

@@ -13,7 +13,7 @@ from ...errors import PictureError, RaytraceWarning
 from ...images.filters import bin_pixels
 from ...scene.checks import is_gray
 from ...scene.scene import Scene
-from ...tracer.resolved_settings import ResolvedSettings
+from ...tracer.settings import ResolvedSettings
 from ...util.numerics import is_masked, on_device, real_numbers
 from .unknowns import AnyArray, Image, Mask
 
@@ -139,15 +139,19 @@ def observe(target: object, weights: object, scene: Scene, settings: ResolvedSet
 
 def _oddities(picture: Image, counts: Bool[np.ndarray, "3 height width"], scene: Scene) -> list[str]:
     """Oddities of a target's colours: a sentence for each oddity."""
-    found, colours, whole = [], picture[counts], picture[:, counts.all(axis=0)]
+    oddities, colours, whole = [], picture[counts], picture[:, counts.all(axis=0)]
     most = float(np.max(colours))
     # White is not 1 where most colours are beyond twice that, or all are whole numbers. Colours beyond 16 bits are in a
     # scene's own unit of light.
     if 2.0 < most <= 65535 and (np.median(colours) > 2.0 or np.all(colours == np.round(colours))):
-        found.append(f"the target's colours go up to {most:.4g}, where white is 1: divide what was stored as 0 to 255.")
+        oddities.append(
+            f"the target's colours go up to {most:.4g}, where white is 1: divide what was stored as 0 to 255."
+        )
     if not is_gray(scene) and whole.size and np.all(whole == whole[:1]):
-        found.append("the target is gray, and the scene has colours: each channel is compared with the same numbers.")
-    return found
+        oddities.append(
+            "the target is gray, and the scene has colours: each channel is compared with the same numbers."
+        )
+    return oddities
 
 
 def _numbers(values: object, name: str) -> np.ndarray:

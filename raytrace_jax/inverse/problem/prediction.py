@@ -13,15 +13,15 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from ...images.filters import gaussian_blur
-from ...scene.parameters import film_effects
-from ...scene.response import Frame, develop, develop_compiled, light_reach, linear_effects, without_idle
+from ...scene.parameters import response_effects
+from ...scene.response import Frame, apply_response, apply_response_compiled, light_reach, linear_effects, without_idle
 from ...scene.scene import CameraResponse, Scene, without_texels
 from ...tracer.pixels import (
     PixelDerivatives,
     pixel_colors,
     pixel_derivatives,
+    response_derivatives,
 )
-from ...tracer.radiance import develop_derivatives
 from ...util.compilation import jit
 from .observation import Observation
 from .unknowns import Image, Mask, Unknowns, Values, Vector, moved_scene
@@ -72,7 +72,7 @@ class CameraModel:
     @functools.cached_property
     def free_effects(self) -> dict[str, str]:
         """The film's effect of each of its free numbers."""
-        return film_effects(self.scene, self.unknowns.of_film)
+        return response_effects(self.scene, self.unknowns.of_film)
 
     @functools.cached_property
     def of_scene(self) -> Scene:
@@ -102,34 +102,34 @@ class CameraModel:
         return light_reach(self.film(values))
 
     def image(self, light: Image, values: Values, frame: Frame) -> Image:
-        """The developed picture."""
+        """The picture after the camera's response."""
         film = self.film(values)
-        return light if film is None else np.asarray(develop_compiled(self._array(light), film, frame))
+        return light if film is None else np.asarray(apply_response_compiled(self._array(light), film, frame))
 
     def picture(self, light: PredictedPicture, y: Vector, frame: Frame) -> PredictedPicture:
-        """The developed picture at the unknowns `y`, with the derivatives by all of them."""
+        """The picture after the camera's response at the unknowns `y`, with the derivatives by all of them."""
         if not self.is_needed:
             return light
         jacobian = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
         jacobian[list(self.unknowns.traced)] = light.jacobian
-        developed = develop_derivatives(light.image, jacobian, self._array(y), self.of_scene, self.unknowns, frame)
+        developed = response_derivatives(light.image, jacobian, self._array(y), self.of_scene, self.unknowns, frame)
         return PredictedPicture(developed[0], developed[1], light.sees_edge)
 
     def changes(
         self, light: Image, changes: Float[np.ndarray, "changes 3 height width"], values: Values, frame: Frame
     ) -> Float[np.ndarray, "changes 3 height width"]:
-        """Changes of the developed picture with small changes of the picture of the light."""
+        """Changes of the picture after the camera's response with small changes of the picture of the light."""
         film = self.film(values)
         if film is None:
             return changes
-        return np.asarray(develop_changes(self._array(light), self._array(changes), film, frame))
+        return np.asarray(response_changes(self._array(light), self._array(changes), film, frame))
 
     def _array(self, values: ArrayLike) -> Array:
         return jnp.asarray(np.asarray(values), self.scene.camera.viewpoint.dtype)
 
 
 @functools.partial(jit, static_argnames=("unknowns", "frame", "linear"))
-def develop_best(
+def best_response(
     rows: Float[Array, "pictures parameters"],
     lights: Float[Array, "pictures 3 height width"],
     scene: Scene,
@@ -151,7 +151,7 @@ def develop_best(
     def best(row, light):
         def developed(numbers):
             film = unknowns.scene(scene, row.at[places].set(numbers)).film
-            return develop(light, film, frame)
+            return apply_response(light, film, frame)
 
         def residual(numbers):
             return gaussian_blur(observation.residual(developed(numbers)), blur).reshape(-1)
@@ -176,12 +176,12 @@ def develop_best(
 
 
 @functools.partial(jit, static_argnames="frame")
-def develop_changes(
+def response_changes(
     image: Float[Array, "3 height width"],
     changes: Float[Array, "changes 3 height width"],
     film: CameraResponse,
     frame: Frame,
 ) -> Float[Array, "changes 3 height width"]:
-    """Changes of the developed picture with small changes of the light's, one after the other."""
-    _, push = jax.linearize(lambda image: develop(image, film, frame), image)
+    """Changes of the picture after the camera's response with small changes of the light's, one after the other."""
+    _, push = jax.linearize(lambda image: apply_response(image, film, frame), image)
     return jax.lax.map(push, changes)

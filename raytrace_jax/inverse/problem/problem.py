@@ -10,19 +10,20 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int, Num
 
+from ...images.jpeg import JpegStorage
 from ...scene.response import Frame
 from ...scene.scene import Scene, with_texels, without_texels
 from ...scene.setting_words import EdgeMode
 from ...tracer.geometry.camera import picture_place, pixel_step
 from ...tracer.pixels import Pixels
-from ...tracer.resolved_settings import ResolvedSettings
+from ...tracer.settings import ResolvedSettings
 from ...util.numerics import on_device
 from ..options import Stage
 from .linearize import Linearization, evaluate, linearize
 from .observation import Observation, nearest_power
 from .prediction import CameraModel, ForwardModel, PredictedPicture, forward_model
-from .stages import ObservationStage
 from .unknowns import (
+    Covariance,
     Image,
     Prior,
     Unknowns,
@@ -36,60 +37,16 @@ from .unknowns import (
 
 
 @dataclasses.dataclass(frozen=True)
-class Raster:
-    """The target's pixels, own or larger ones, and where they lie in the whole picture.
-
-    Args:
-        shape: (height, width) in these pixels.
-        base: settings of the target's own pixels, whose window of the picture is the target.
-        binning: how many of the target's pixels one has in each direction.
-    """
-
-    scene: Scene
-    shape: tuple[int, ...]
-    base: ResolvedSettings
-    binning: int = 1
-
-    def settings(self, edges: EdgeMode) -> ResolvedSettings:
-        """The settings of the whole picture in these pixels."""
-        return dataclasses.replace(self.base, edges=edges, binning=self.base.binning * self.binning, crop=None)
-
-    @property
-    def frame(self) -> Frame:
-        """The target's part of the whole picture.
-
-        A crop begins between larger pixels of the whole picture: they are laid from its corner on.
-        """
-        own = self.base.frame(self.scene.camera.pixeldim)
-        binning = own.binning * self.binning
-        return own._replace(left=own.left / self.binning, top=own.top / self.binning, binning=binning)
-
-    def points(
-        self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"]
-    ) -> Float[np.ndarray, "2 points"]:
-        """Places in the whole picture of points of the target."""
-        frame = self.frame
-        return np.stack(picture_place(self.scene.camera, self.settings("point"), column + frame.left, row + frame.top))
-
-    @property
-    def places(self) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
-        """Columns and rows of all pixels in their order."""
-        height, width = self.shape
-        row, column = np.divmod(np.arange(width * height), width)
-        return column, row
-
-    @property
-    def pixels(self) -> Pixels:
-        """All pixels."""
-        return Pixels(self.points(*self.places), pixel_step(self.scene.camera, self.settings("point")))
-
-
-@dataclasses.dataclass(frozen=True)
 class Problem:
-    """A scene, a target, and what is free between them.
+    """A scene, the target to compare it with, and the numbers that are free.
+
+    The target is `t = Q(C(D(S(L)))) + e`: its pixels sample the scene's radiance L (S), the camera responds (D), a file
+    is compressed (C) and rounds to steps (Q), and there is noise (e).
 
     Args:
-        stages: how a picture of the scene became the target's numbers.
+        samples: S: each pixel is the mean of a regular grid of so many samples a side; None for the mean over its area,
+            or for samples that are not known.
+        storage: C, if the target was a JPEG.
         unit: the light that a weighted residual of 1 is at a weight of 1.
     """
 
@@ -98,7 +55,8 @@ class Problem:
     unknowns: Unknowns
     prior: Prior
     base: ResolvedSettings
-    stages: tuple[ObservationStage, ...] = ()
+    samples: int | None = None
+    storage: JpegStorage | None = None
     unit: float = 1.0
     # What was traced last; a copy with another observation has the same pictures.
     _pictures: OrderedDict[Hashable, PredictedPicture] = dataclasses.field(repr=False, default_factory=OrderedDict)
@@ -119,6 +77,14 @@ class Problem:
         observation = dataclasses.replace(self.observation, root_weight=self.array(root / unit))
         return dataclasses.replace(self, observation=observation, unit=self.unit * unit)
 
+    @property
+    def extent(self) -> int:
+        """Side in pixels of the blocks within which residuals may go together, whatever the model.
+
+        A sensor's mosaic, or a picture that was resampled, lets four pixels go together; a JPEG its blocks.
+        """
+        return 4 if self.storage is None else max(4, self.storage.unit)
+
     @functools.cached_property
     def model(self) -> ForwardModel:
         """The programs that compute the scene's radiance."""
@@ -135,9 +101,36 @@ class Problem:
             self._binned[binning] = self.observation.binned(binning) if binning > 1 else self.observation
         return self._binned[binning]
 
-    def raster(self, binning: int = 1) -> Raster:
-        """The target's own pixels, or larger ones."""
-        return Raster(self.scene, self.binned(binning).target.shape[1:], self.base, binning)
+    def settings(self, edges: EdgeMode, binning: int = 1) -> ResolvedSettings:
+        """The settings of the whole picture, in the target's pixels or larger ones."""
+        return dataclasses.replace(self.base, edges=edges, binning=self.base.binning * binning, crop=None)
+
+    def frame(self, binning: int = 1) -> Frame:
+        """The target's part of the whole picture.
+
+        A crop begins between larger pixels of the whole picture: they are laid from its corner on.
+        """
+        window = self.base.frame(self.scene.camera.pixeldim)
+        return window._replace(left=window.left / binning, top=window.top / binning, binning=window.binning * binning)
+
+    def points(
+        self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"], binning: int = 1
+    ) -> Float[np.ndarray, "2 points"]:
+        """Places in the whole picture of points of the target."""
+        frame = self.frame(binning)
+        place = column + frame.left, row + frame.top
+        return np.stack(picture_place(self.scene.camera, self.settings("point", binning), *place))
+
+    def places(self, binning: int = 1) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
+        """Columns and rows of all pixels in their order."""
+        height, width = self.binned(binning).target.shape[1:]
+        row, column = np.divmod(np.arange(width * height), width)
+        return column, row
+
+    def pixels(self, binning: int = 1) -> Pixels:
+        """All pixels."""
+        step = pixel_step(self.scene.camera, self.settings("point", binning))
+        return Pixels(self.points(*self.places(binning), binning), step)
 
     def array(self, values: ArrayLike | Sequence[float]) -> Array:
         """Unknowns, values, or pictures in the fit's dtype, as an argument of its programs.
@@ -161,6 +154,14 @@ class Problem:
     def slopes(self, y: Vector) -> Values:
         """The derivative of each parameter's value by its unknown at `y`."""
         return np.asarray(values_and_slopes(self.array(y), self.unknowns)[1], np.float64)
+
+    def apply_response(self, radiance: Image, y: Vector) -> Image:
+        """The picture that the camera at `y` makes of radiance."""
+        return self.camera.image(radiance, self.values(y), self.frame())
+
+    def response_reach(self, y: Vector) -> float:
+        """The distance in pixels from which the light of a pixel may come; 0 if the camera mixes none."""
+        return self.camera.reach(self.values(y))
 
     @functools.cached_property
     def scale(self) -> Values:
@@ -186,23 +187,25 @@ class Problem:
     def picture(self, y: Vector, edges: EdgeMode, binning: int = 1) -> PredictedPicture:
         """The picture at `y` and its derivatives."""
         y = self.array(y)
-        return self.camera.picture(self.radiance(y, edges, binning), y, self.raster(binning).frame)
+        return self.camera.picture(self.radiance(y, edges, binning), y, self.frame(binning))
 
     def radiance(self, y: Vector, edges: EdgeMode, binning: int = 1) -> PredictedPicture:
         """The picture before the film, and its derivatives by the unknowns that are not the film's.
 
         The last few pictures are remembered: one point is looked at with several blurs, losses, targets and films.
         """
-        y, scene, unknowns, settings = self._traced(y, edges, binning)
+        # What is traced: the unknowns that are not the response's, of the scene without one.
+        scene = dataclasses.replace(self.scene, film=None)
+        y = self.array(np.asarray(y)[list(self.unknowns.traced)])
         place = np.asarray(y).tobytes(), edges, binning
         if place in self._pictures:
             self._pictures.move_to_end(place)
             return self._pictures[place]
 
-        raster = self.raster(binning)
-        found = self.model.differentiate(y, scene, raster.pixels, unknowns, settings)
-        image, jacobian = found.color.reshape(3, *raster.shape), found.jacobian.reshape(-1, 3, *raster.shape)
-        sees_edge = found.sees_edge.reshape(raster.shape) if edges == "aware" else None
+        settings, shape = self.settings(edges, binning), self.binned(binning).target.shape
+        pixels = self.model.differentiate(y, scene, self.pixels(binning), self.unknowns.traced_unknowns, settings)
+        image, jacobian = pixels.color.reshape(shape), pixels.jacobian.reshape(-1, *shape)
+        sees_edge = np.asarray(pixels.sees_edge).reshape(shape[1:]) if edges == "aware" else None
         picture = PredictedPicture(self.array(image), self.array(jacobian), sees_edge)
         self._pictures[place] = picture
         # Three are kept: after a rejected step the solver goes on from where the step began.
@@ -210,24 +213,14 @@ class Problem:
             self._pictures.popitem(last=False)
         return picture
 
-    def _traced(self, y: Vector, edges: EdgeMode, binning: int):
-        """What is traced: the unknowns that are not the film's, the scene without film, and how."""
-        scene = dataclasses.replace(self.scene, film=None)
-        traced = self.array(np.asarray(y)[list(self.unknowns.traced)])
-        return traced, scene, self.unknowns.traced_unknowns, self.raster(binning).settings(edges)
-
     def linearize(self, y: Vector, stage: Stage, picture: PredictedPicture | None = None) -> Linearization:
         """Residual and Jacobian at `y`, of a picture and derivatives that are given or else traced."""
         if picture is None:
             picture = self.picture(y, stage.edges, stage.binning)
         picture = dataclasses.replace(picture, sees_edge=None)  # Not a matter of this program.
-        return linearize(picture, *self._compared(y, stage), stage.loss)
-
-    def _compared(self, y: Vector, stage: Stage):
-        """The arguments of `linearize` in order, without the picture and the loss."""
-        numbers = (stage.blur / stage.binning, stage.loss_scale, stage.noise)
         at = values_and_slopes(self.array(y), self.unknowns)
-        return *at, self.binned(stage.binning), self.prior, *map(self.array, numbers)
+        numbers = map(self.array, (stage.blur / stage.binning, stage.loss_scale, stage.noise))
+        return linearize(picture, *at, self.binned(stage.binning), self.prior, *numbers, stage.loss)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -238,6 +231,8 @@ class FitState:
         problem: what is solved: the problem given, with the bias that the edge-aware picture was found to have.
         next_step: the step that the solver did not take, of the unknowns, where steps ended on their own.
         next_move: its length in standard errors.
+        confusion: covariance of parameter displacements that the target's samples cannot resolve; None if unknown.
+        within: variance of the samples within each pixel, weighted; None where the target's grid is known.
     """
 
     problem: Problem
@@ -247,6 +242,8 @@ class FitState:
     settled: bool = False
     next_step: Values | None = None
     next_move: float = 0.0
+    confusion: Covariance | None = None
+    within: Image | None = None
 
     @classmethod
     def at(cls, problem: Problem, y: Vector, stage: Stage) -> "FitState":

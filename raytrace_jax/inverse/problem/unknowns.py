@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from ...errors import ParameterError
-from ...scene.parameters import film_effects, resolve, scalar_names, set_parameters
+from ...scene.parameters import resolve, response_effects, scalar_names, set_parameters
 from ...scene.scene import Scene, world_length
 from ...scene.schema import Quantity
 from ...scene.setting_words import ModelName
@@ -205,7 +205,7 @@ def make_unknowns(
     pairs = [(follower, spelled(scene, names, leader, "leader of a tie")) for follower, leader in pairs]
     # Refuses a follower that is free itself, also under another spelling.
     scalar_names(scene, [*names, *(follower for follower, _ in pairs)])
-    of_film = film_effects(scene, [*names, *(follower for follower, _ in pairs)])
+    of_film = response_effects(scene, [*names, *(follower for follower, _ in pairs)])
     for follower, leader in pairs:
         if (follower in of_film) != (leader in of_film):
             raise ParameterError(f"tie {follower}={leader}: one is the film's and the other is not.")
@@ -237,9 +237,9 @@ def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
     """
     if name in names:
         return name
-    own = scalar_names(scene, [name])
-    if own != (name,):
-        raise ParameterError(f"{role} {name}: it has several numbers; name one, such as {own[0]}.")
+    scalars = scalar_names(scene, [name])
+    if scalars != (name,):
+        raise ParameterError(f"{role} {name}: it has several numbers; name one, such as {scalars[0]}.")
     for free in names:
         if resolve(scene, free).address == resolve(scene, name).address:
             return free

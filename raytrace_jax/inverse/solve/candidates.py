@@ -1,6 +1,5 @@
 """Places where a fit may begin, and minima that a fit has not seen."""
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Sequence
@@ -14,9 +13,8 @@ from ...scene.scene import Camera
 from ...tracer.geometry.camera import ray
 from ...util.compilation import jit
 from ..judge.structure import EVIDENCE, vuong_evidence
-from ..judge.uncertainty import Uncertainty
-from ..observe.sampling import samples_of, supersampled
 from ..problem.problem import FitState, Problem
+from ..problem.sampling import supersampled
 from ..problem.unknowns import Image, Values, natural_scale
 
 INDICES = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
@@ -51,9 +49,9 @@ def table(base: Values, grid: ScanGrid) -> Float[np.ndarray, "rows parameters"]:
     """All combinations of a grid's values; the other parameters have those of `base`."""
     choices = (choice.values.reshape(-1, len(choice.places)) for choice in grid)
     rows = [np.concatenate(values) for values in itertools.product(*choices)]
-    found = np.tile(base, (len(rows), 1))
-    found[:, [place for choice in grid for place in choice.places]] = rows
-    return found
+    rows_of = np.tile(base, (len(rows), 1))
+    rows_of[:, [place for choice in grid for place in choice.places]] = rows
+    return rows_of
 
 
 def size(grid: ScanGrid) -> int:
@@ -90,14 +88,14 @@ def searched(problem: Problem, places: Iterable[int]) -> tuple[list[Ball], list[
             positions.setdefault(address.entry, (block, {}))[1][address.component] = place
         elif attribute.quantity.role == "index":
             indices[address.entry] = (*indices.get(address.entry, ()), place)
-    balls, taken = [], list[Address]()
+    balls, used = [], list[Address]()
     for entry, (block, axes) in positions.items():
         material = material_of(scene, block)
-        own = [one for one in indices if (one.group, one.column) == (material.type.group, material.column)]
-        index = tuple(place for one in own for place in indices[one])
+        owned = [entry for entry in indices if (entry.group, entry.column) == (material.type.group, material.column)]
+        index = tuple(place for entry in owned for place in indices[entry])
         balls.append(Ball(block.name, np.asarray(entry.read(scene), np.float64), axes, index))
-        taken += own
-    return balls, [places for one, places in indices.items() if one not in taken]
+        used += owned
+    return balls, [places for entry, places in indices.items() if entry not in used]
 
 
 def groups(problem: Problem) -> list[list[ScanGrid]]:
@@ -113,12 +111,12 @@ def groups(problem: Problem) -> list[list[ScanGrid]]:
     def all_indices(places: tuple[int, ...]) -> ScanGrid:
         return [Choice.alike(places, INDICES if initial[places[-1]] >= 1 else BUBBLE_INDICES)] if places else []
 
-    found, tried = [], set[tuple[int, ...]]()
+    grids_of, taken_indices = [], set[tuple[int, ...]]()
     depth = int(np.argmax(np.abs(film_normal(scene.camera))))
     for ball in balls:
         # An index that a ball takes is not tried a second time with another one.
-        index = () if ball.indices in tried else ball.indices
-        tried.add(index)
+        index = () if ball.indices in taken_indices else ball.indices
+        taken_indices.add(index)
         near = all_indices(index)
         for axis, place in ball.axes.items():
             # In radii; half and double do as well.
@@ -128,10 +126,10 @@ def groups(problem: Problem) -> list[list[ScanGrid]]:
         grids, far = [near], across_picture(scene.camera, ball.center, ball.axes)
         if far:
             grids.append([Choice.alike(index, FAR_INDICES), far] if index else [far])
-        found.append(grids)
-    found += [[all_indices(places)] for places in others]
-    thin_out([grid for grids in found for grid in grids])
-    return found
+        grids_of.append(grids)
+    grids_of += [[all_indices(places)] for places in others]
+    thin_out([grid for grids in grids_of for grid in grids])
+    return grids_of
 
 
 compiled_ray = jit(ray)
@@ -140,8 +138,8 @@ compiled_ray = jit(ray)
 
 def looks(camera: Camera, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Origins and directions, "3 *rays" in float64, of the rays through points of the picture."""
-    found = compiled_ray(camera, *(np.asarray(x, camera.viewpoint.dtype) for x in (u, v)))
-    return np.asarray(found[0], np.float64), np.asarray(found[1], np.float64)
+    rays = compiled_ray(camera, *(np.asarray(x, camera.viewpoint.dtype) for x in (u, v)))
+    return np.asarray(rays[0], np.float64), np.asarray(rays[1], np.float64)
 
 
 def film_normal(camera: Camera) -> Float[np.ndarray, "3"]:
@@ -167,12 +165,12 @@ def across_picture(camera: Camera, center: Float[np.ndarray, "3"], places: dict[
     spread = (np.arange(FAR) + 0.5) / FAR
     origin, direction = looks(camera, *np.meshgrid(spread, spread, indexing="ij"))
     away, ahead = np.tensordot(normal, center[:, None, None] - origin, 1), np.tensordot(normal, direction, 1)
-    seen = away * ahead > 0
-    if not seen.any():
+    meets = away * ahead > 0
+    if not meets.any():
         return None
-    reach = away / np.where(seen, ahead, 1)
+    reach = away / np.where(meets, ahead, 1)
     # A ray that never comes to this plane, or meets it behind the camera, leaves the center where it is.
-    points = np.where(seen, origin + reach * direction, center[:, None, None])
+    points = np.where(meets, origin + reach * direction, center[:, None, None])
     return Choice(tuple(places.values()), np.moveaxis(points[list(places)], 0, -1))
 
 
@@ -182,11 +180,11 @@ def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
     Each ball whose index is near 1 is moved out of sight, and the residuals with it and without it are compared.
     """
     problem = solution.problem
-    names, values, found = problem.unknowns.names, problem.values(solution.y), dict[str, tuple[str, ...]]()
+    names, values, unseen = problem.unknowns.names, problem.values(solution.y), dict[str, tuple[str, ...]]()
     unbiased = problem.observation.with_bias(np.zeros(problem.observation.target.shape))
 
     def residual(values: Values) -> Image:
-        return unbiased.residual(supersampled(problem, problem.y_of(values), samples_of(problem) or 4))
+        return unbiased.residual(supersampled(problem, problem.y_of(values), problem.samples or 4))
 
     for ball in searched(problem, range(len(names)))[0]:
         # Such a ball deflects light by less than a tenth of a radian; a search that finds nothing ends still nearer.
@@ -195,13 +193,5 @@ def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
         center, without = list(ball.axes.values()), values.copy()
         without[center] += 1e4 * problem.scale[center]  # Out of sight.
         if vuong_evidence(residual(values), residual(without)) < EVIDENCE:
-            found[ball.name] = tuple(names[place] for place in (*ball.indices, *center))
-    return found
-
-
-def with_open(uncertainty: Uncertainty, names: tuple[str, ...], opened: tuple[str, ...]) -> Uncertainty:
-    """The uncertainty with some parameters open: their errors are infinite, and they are undetermined."""
-    is_open = np.isin(names, opened)
-    open_ = tuple(name for name in names if name in opened or name in uncertainty.undetermined)
-    error = np.where(is_open, np.inf, uncertainty.standard_error)
-    return dataclasses.replace(uncertainty, standard_error=error, undetermined=open_)
+            unseen[ball.name] = tuple(names[place] for place in (*ball.indices, *center))
+    return unseen

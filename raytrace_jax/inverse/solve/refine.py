@@ -1,24 +1,27 @@
-"""From a minimum of the small pictures to the answer: the unblurred picture, sampled as the target is."""
+"""From a minimum of the small pictures to the answer, on the picture sampled as the target is; and its profiles."""
 
 import dataclasses
 import functools
+import itertools
 import time
 from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
-from ...util.numerics import MAD_TO_SIGMA, finite_or_last
+from ...util.numerics import MAD_TO_SIGMA, TINY, finite_or_last
 from ..judge.structure import EVIDENCE, explains
-from ..judge.uncertainty import noise_level
-from ..observe import sampling
-from ..observe.resampled import resampled
+from ..judge.uncertainty import LARGEST_ERROR, Uncertainty, noise_level
 from ..options import FitOptions, Stage
+from ..problem.detect import detect_samples, detect_sampling
 from ..problem.linearize import LOSSES
 from ..problem.problem import FitState, Problem
-from ..problem.unknowns import Values, Vector
+from ..problem.sampling import COARSE_SAMPLES, lattice_size, point_sampled, resampled
+from ..problem.unknowns import Image, Values, Vector
+from ..progress import LocalMinimum, Progress, Record
+from ..result import PROFILE_95, Profile
 from .solvers import GaussNewton, LevenbergMarquardt, levenberg_marquardt, minimise
-from .steps import LocalMinimum, Recorder
 
 
 def select_solution(
@@ -26,8 +29,7 @@ def select_solution(
     minima: list[LocalMinimum],
     level: int,
     options: FitOptions,
-    recorder: Recorder,
-    detect: Callable[[Vector], sampling.SamplingKind],
+    progress: Progress,
     error_of: Callable[[FitState], Values] | None = None,
 ) -> tuple[list[LocalMinimum], FitState]:
     """Solve the best minimum to the end, and those that the small pictures do not tell from it.
@@ -39,16 +41,16 @@ def select_solution(
         All minima, best first, with their values and evidence where they were solved to the end; and the best one.
     """
     if options.known_sampling == "auto":
-        recorder.phase("telling how the target was sampled")
-        options = dataclasses.replace(options, target_sampling=detect(minima[0].y))
-    recorder.phase("solving on the whole picture")
+        progress.phase("telling how the target was sampled")
+        options = dataclasses.replace(options, target_sampling=detect_sampling(problem, minima[0].y))
+    progress.phase("solving on the whole picture")
     # Small pictures are a coarse model: a runner-up is out only where twice the usual evidence is against it.
     rivals = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < 2 * EVIDENCE][:2]
     solutions: list[FitState] = []
     for minimum in (minima[0], *rivals):
-        recorder.begin(minimum.summary.candidate, level)
-        solutions.append(refine(problem, minimum.y, options, recorder, error_of))
-        recorder.found(solution=solutions[0])
+        record = progress.of_level(minimum.summary.candidate, level)
+        solutions.append(refine(problem, minimum.y, options, progress, record, error_of))
+        progress.findings.solution = solutions[0]
 
     # The best is now the one with the least loss. Losses compare at one scale only.
     loss_scale = max(solution.stage.loss_scale for solution in solutions)
@@ -64,16 +66,12 @@ def select_solution(
     return [end.judged_against(best.residual) for end in (best, *distinct)] + untouched, winner
 
 
-def first_stage(stage: Stage) -> Stage:
-    """The first stage on the whole picture, in which the few point samples that an edge has passed are outliers."""
-    return dataclasses.replace(stage, loss="cauchy") if stage.edges == "point" else stage
-
-
 def refine(
     problem: Problem,
     y: Vector,
     options: FitOptions,
-    recorder: Recorder,
+    progress: Progress,
+    record: Record,
     error_of: Callable[[FitState], Values] | None = None,
 ) -> FitState:
     """Solve the whole picture from the unknowns `y`.
@@ -89,37 +87,38 @@ def refine(
     structure moves the answer more.
     """
     stage, steps = options.last_stage, options.max_steps
+
+    def solve(y: Vector, stage: Stage, method: LevenbergMarquardt) -> FitState:
+        return solve_robustly(problem, y, stage, options.sigma, record, method)
+
     if stage.edges == "point":
-        problem = sampling.sampled(problem, sampling.Sampling(problem.base.samples))
-        # To about an error bar, since the steps that follow do not ask whether the cost falls.
+        problem = dataclasses.replace(problem, samples=problem.base.samples)
+        # To about an error bar, since the steps that follow do not ask whether the cost falls. The few point samples
+        # that an edge has passed are outliers.
         near = LevenbergMarquardt(steps, relative=1e-6, decrease=1e-6, rejected=1)
-        solution = solve_in_stages(problem, y, first_stage(stage), options.sigma, recorder, near)
-        solution = minimise(GaussNewton(), solution, lambda y: FitState.at(problem, y, solution.stage), recorder.step)
-        if stage.loss != "l2":
-            return solution
-    else:
-        # Corrections, and what is not explained, move the answer by more than a hundredth of an error bar.
-        rough = LevenbergMarquardt(steps, relative=1e-6, decrease=1e-4, rejected=1)
-        solution = solve_in_stages(problem, y, stage, options.sigma, recorder, rough)
-        is_aware, coarse = options.known_sampling == "aware", None
-        if not is_aware and sampling.samples_of(problem) is None:
-            recorder.phase("telling the target's samples")
-            coarse = sampling.point_sampled(problem, solution.y, sampling.COARSE_SAMPLES)
-            told = sampling.detect_samples(problem, solution.y, coarse, solution.linearization)
-            is_aware = told == "aware"
-            problem = problem if told == "aware" else sampling.sampled(problem, sampling.Sampling(told))
-        if not is_aware:
-            return settle(problem, solution, recorder, coarse, error_of and error_of(solution))
-        if not explains(solution):
-            return solution
-    return solve_in_stages(problem, solution.y, stage, options.sigma, recorder, LevenbergMarquardt(steps))
+        solution = solve(y, dataclasses.replace(stage, loss="cauchy"), near)
+        solution = minimise(GaussNewton(), solution, lambda y: FitState.at(problem, y, solution.stage), record)
+        return solution if stage.loss != "l2" else solve(solution.y, stage, LevenbergMarquardt(steps))
+
+    # Corrections, and what is not explained, move the answer by more than a hundredth of an error bar.
+    solution = solve(y, stage, LevenbergMarquardt(steps, relative=1e-6, decrease=1e-4, rejected=1))
+    samples, coarse = "aware" if options.known_sampling == "aware" else problem.samples, None
+    if samples is None:
+        progress.phase("telling the target's samples")
+        coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
+        samples = detect_samples(solution, coarse[1])
+    if samples != "aware":
+        problem = dataclasses.replace(problem, samples=samples)
+        return settle(problem, solution, progress, record, coarse, error_of and error_of(solution))
+    return solve(solution.y, stage, LevenbergMarquardt(steps)) if explains(solution) else solution
 
 
 def settle(
     problem: Problem,
     solution: FitState,
-    recorder: Recorder,
-    coarse: sampling.Moments | None = None,
+    progress: Progress,
+    record: Record,
+    coarse: tuple[Image, Image] | None = None,
     error: Values | None = None,
 ) -> FitState:
     """Take steps on the picture as it was observed; the edge-aware derivative leads.
@@ -140,59 +139,120 @@ def settle(
     """
     # The typical residual's: pixels at edges are off by what is to be found here.
     noise = 0.0 if error is None else MAD_TO_SIGMA * float(solution.linearization.typical)
-    stage, y, size, left = solution.stage, solution.y, sampling.lattice_size(), 4
-    samples = sampling.samples_of(problem)
-    whose = "a supersampled picture" if samples is None else "a picture of the target's own samples"
+    stage, y, size, left = solution.stage, solution.y, lattice_size(), 4
+    whose = "a supersampled picture" if problem.samples is None else "a picture of the target's own samples"
     # Again with more samples, or with another derivative and list of pixels, which hold up to a tenth of a pixel of a
     # large ball. What is not explained will not be explained by them.
     while True:
-        recorder.phase(f"comparing with {whose}")
+        progress.phase(f"comparing with {whose}")
         begun = time.monotonic()
         picture = resampled(problem, y, stage, size, coarse, noise)
         # Each step samples as much again; most targets take two or three.
         if (seconds := 3 * (time.monotonic() - begun)) > 10:
-            recorder.phase(f"comparing with {whose}: about {seconds:.0f} s")
+            progress.phase(f"comparing with {whose}: about {seconds:.0f} s")
         near = functools.partial(picture.state, stage=stage)
-        lowest = minimise(GaussNewton(error=error), near(y), near, recorder.step)
-        wanted, coarse, left = max(size, picture.needed_size(lowest, error)), None, left - 1
+        lowest = minimise(GaussNewton(error=error), near(y), near, record)
+        needed, coarse, left = max(size, picture.needed_size(lowest, error)), None, left - 1
         moved = problem.distance(problem.values(lowest.y), problem.values(y))
-        if (moved < 1e-3 and wanted == size) or left == 0 or not explains(lowest):
+        if (moved < 1e-3 and needed == size) or left == 0 or not explains(lowest):
             break
-        y, size = lowest.y, wanted
+        y, size = lowest.y, needed
     # The solution there has the edge-aware picture and its bias.
     aware = problem.picture(lowest.y, stage.edges)
     bias = np.asarray(lowest.linearization.image) - np.asarray(aware.image)
     observed = dataclasses.replace(problem, observation=problem.observation.with_bias(bias))
-    within = picture.weighted_variance if samples is None else None
-    observed = sampling.sampled(observed, sampling.Sampling(samples, picture.confusion(), within))
     linearization = observed.linearize(lowest.y, stage)
-    settled = lowest.settled and linearization.is_finite
-    return dataclasses.replace(lowest, problem=observed, linearization=linearization, settled=settled)
+    return dataclasses.replace(
+        lowest,
+        problem=observed,
+        linearization=linearization,
+        settled=lowest.settled and linearization.is_finite,
+        confusion=picture.confusion(),
+        within=picture.weighted_variance if problem.samples is None else None,
+    )
 
 
-def solve_in_stages(
-    problem: Problem, y: Vector, stage: Stage, sigma: float | None, recorder: Recorder, method: LevenbergMarquardt
+def solve_robustly(
+    problem: Problem, y: Vector, stage: Stage, sigma: float | None, record: Record, method: LevenbergMarquardt
 ) -> FitState:
-    """Solve from `y`, once, or in stages.
+    """Solve from `y`, once, or several times with a scale of the loss and of the noise that follow the residual.
 
-    The scale of a robust loss follows the typical residual down, stage by stage: near the answer few residuals are
-    large, and the loss lets the others decide. If the noise is not known, but there are priors, it is estimated stage
-    by stage too: priors count beside it.
+    The scale of a robust loss follows the typical residual down, solve by solve: near the answer few residuals are
+    large, and the loss lets the others decide. If the noise is not known, but there are priors, it is estimated with
+    each solve too: priors count beside it.
     """
     has_prior = np.any(np.asarray(problem.prior.precision) > 0)
     if stage.loss == "l2" and (sigma is not None or not has_prior):
-        return levenberg_marquardt(problem, y, dataclasses.replace(stage, noise=sigma or 0.0), recorder.step, method)
-    # Each stage needs the residual of the one before, and the first one that of the start.
+        return levenberg_marquardt(problem, y, dataclasses.replace(stage, noise=sigma or 0.0), record, method)
+    # Each solve needs the residual of the one before, and the first one that of the start.
     solution = FitState.at(problem, problem.array(y), dataclasses.replace(stage, loss_scale=1.0))
     # Where the picture fits exactly the scale is 1e-12 or ten roundings: 1e-15 to 1e-6 do the same.
     least = max(1e-12, 10 * float(jnp.finfo(problem.observation.target.dtype).eps))
-    # Go on while the typical residual falls by three tenths or more: ten stages take off a factor of 35.
+    # Go on while the typical residual falls by three tenths or more: ten solves take off a factor of 35.
     for _ in range(10):
         before = float(solution.linearization.typical)
         noise = sigma if sigma is not None else noise_level(solution)
         scale = LOSSES[stage.loss].tuning * max(MAD_TO_SIGMA * before, sigma or 0.0, least)
         stage = dataclasses.replace(stage, noise=noise, loss_scale=scale)
-        solution = levenberg_marquardt(problem, solution.y, stage, recorder.step, method)
+        solution = levenberg_marquardt(problem, solution.y, stage, record, method)
         if not solution.settled or float(solution.linearization.typical) > 0.7 * before:
             break
     return solution
+
+
+def find_profile(
+    solution: FitState, place: int, uncertainty: Uncertainty, max_steps: int, progress: Progress
+) -> Profile:
+    """Hold one parameter at values to both sides of its estimate and fit the others again at each.
+
+    Each point starts from its neighbour, moved along the regression of the other parameters on the held one. The values
+    reach to three standard errors on either side, beyond the 1.96 of a parabola's 95 % interval. The interval of a
+    profile that curves up less closes too, down to (1.96 / 3)^2 = 0.43 of a parabola's curvature.
+    """
+    problem = solution.problem
+    name, estimate = problem.unknowns.names[place], problem.values(solution.y)
+    # The step of the held parameter, and how the others move with it.
+    error = uncertainty.standard_error[place]
+    if not np.isfinite(error):
+        error = LARGEST_ERROR * float(problem.scale[place])
+    errors = np.where(np.isfinite(uncertainty.standard_error), uncertainty.standard_error, 0)
+    along = uncertainty.correlation[:, place] * errors / max(float(errors[place]), TINY)
+    along[place] = 1.0
+    # Chi-square is about the number of residuals, a million at 640 x 480 pixels, of which a decrease of 1e-10 is 1e-4.
+    method = LevenbergMarquardt(max_steps, relative=1e-7, decrease=1e-10)
+
+    # Go outwards on each side. Twice the rise of the cost, in units of the noise, is chi-square.
+    points = {0.0: (estimate, 0.0)}
+    for side in (-1, 1):
+        values = estimate
+        # Six points, half a standard error apart. A root of the profile that bends like x + c x^2, in standard errors,
+        # is off by at most c/16 between two of them, where it is taken for straight.
+        for step in side * 0.5 * np.arange(1, 7):
+            progress.phase(f"profile of {name}, {step:+.2g} standard errors")
+            guess = problem.y_of(values + along * (estimate[place] + step * error - values[place]))
+            least = levenberg_marquardt(problem, guess, solution.stage, method=method, held=[place])
+            values, rise = problem.values(least.y), least.linearization.cost - solution.linearization.cost
+            points[float(step)] = values, 2 * rise / uncertainty.sigma**2
+    # Put both sides together, from the lowest value to the highest.
+    ordered = [points[step] for step in sorted(points)]
+    value = np.array([values[place] for values, _ in ordered])
+    chi_square = np.array([square for _, square in ordered])
+    others = np.stack([values for values, _ in ordered], axis=1)
+    return Profile(name, value, chi_square, others, interval(value, chi_square))
+
+
+def interval(value: Float[np.ndarray, " points"], chi_square: Float[np.ndarray, " points"]) -> tuple[float, float]:
+    """Values where a profile crosses the 95 % bound on both sides of its lowest point; infinite if it never does."""
+    lowest = int(np.argmin(chi_square))
+
+    def crossing(places) -> float:
+        for inner, outer in itertools.pairwise(places):
+            if chi_square[outer] >= PROFILE_95:
+                # The root of chi-square runs nearly straight, so that it is interpolated linearly.
+                low, high = np.sqrt(np.maximum(chi_square[[inner, outer]], 0))
+                fraction = (np.sqrt(PROFILE_95) - low) / (high - low)
+                return float(value[inner] + fraction * (value[outer] - value[inner]))
+        return float("inf")
+
+    left, right = crossing(range(lowest, -1, -1)), crossing(range(lowest, len(value)))
+    return (-left if np.isinf(left) else left), right

@@ -1,9 +1,9 @@
 """The search: a scan of small pictures for places, the best of them solved coarse to fine, and what they led to."""
 
+import dataclasses
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -11,17 +11,16 @@ from scipy import ndimage
 
 from ...errors import PictureError, RaytraceWarning
 from ...images.filters import blurred
-from ...scene.response import FILM_EFFECTS
+from ...scene.response import RESPONSE_EFFECTS
 from ...scene.scene import map_scenes
-from ...scene.setting_words import EdgeMode
 from ...util.numerics import TINY, finite_or_last
 from ..options import FitOptions, Stage
-from ..problem.prediction import develop_best
+from ..problem.prediction import best_response
 from ..problem.problem import FitState, Problem
 from ..problem.unknowns import Values, Vector
+from ..progress import LocalMinimum, Progress
 from .candidates import groups, table
 from .solvers import LevenbergMarquardt, levenberg_marquardt
-from .steps import LocalMinimum, Recorder
 
 LEAST_SIGNAL = 0.3
 """A level is too coarse if its blur leaves less than this fraction of the residual that a solve starts from. With 0.15
@@ -37,37 +36,24 @@ SCAN_BLUR, AT_ONCE = 1.0, 50
 the user can interrupt it."""
 
 
-class Levels(NamedTuple):
-    """The levels of a coarse-to-fine solve.
-
-    Args:
-        binning: size of the small pictures' pixels in those of the target: those by which minima are compared.
-        blurs: standard deviations of the levels, coarse to fine, in pixels of the target; the last is 0, if any.
-    """
-
-    binning: int
-    blurs: tuple[float, ...]
-
-    def binning_at(self, blur: float) -> int:
-        """The binning of a level. Under a blur pixels of twice the size show as much, in a quarter of the time."""
-        return max(1, min(2 * self.binning, int(blur))) if blur > 0 else self.binning
-
-
-def choose_levels(problem: Problem, options: FitOptions) -> Levels:
-    """The levels on small pictures that are asked for, or suit the target's size.
+def choose_levels(problem: Problem, options: FitOptions) -> tuple[Stage, ...]:
+    """The levels on small pictures that are asked for, or suit the target's size, coarse to fine.
 
     There are none where one start is to be solved without blur: that is the whole picture's own solve.
     """
     # About 160 x 120, a step of which takes a sixteenth of one at 640 x 480.
     binning = binning_to(problem, 20_000)
-    if options.blur is None:
-        # From a twentieth of the width on. Half and double, and none at all, lead to the truth too, none in more steps.
-        return Levels(binning, (*(binning * blur for blur in (8.0, 4.0, 2.0)), 0.0))
-    blurs = tuple(blur for blur in options.blur if blur > 0)
-    if not (blurs or options.search or options.known_sampling == "auto"):
-        return Levels(1, ())
-    # Edge-aware pixels stand for their whole area, so that they may be as large as the blur.
-    return Levels(max(1, min(binning, int(min(blurs, default=0)))), (*blurs, 0.0))
+    # From a twentieth of the width on. Half and double, and none at all, lead to the truth too, none in more steps.
+    blurs = [binning * blur for blur in (8.0, 4.0, 2.0)]
+    if options.blur is not None:
+        blurs = [blur for blur in options.blur if blur > 0]
+        if not (blurs or options.search or options.known_sampling == "auto"):
+            return ()
+        # Edge-aware pixels stand for their whole area, so that they may be as large as the blur.
+        binning = max(1, min(binning, int(min(blurs, default=0))))
+    # Under a blur pixels of twice the size show as much, in a quarter of the time.
+    blurred = [Stage(options.edges, blur, max(1, min(2 * binning, int(blur)))) for blur in blurs]
+    return *blurred, Stage(options.edges, binning=binning)
 
 
 def binning_to(problem: Problem, pixels: int) -> int:
@@ -78,10 +64,9 @@ def binning_to(problem: Problem, pixels: int) -> int:
 def descend(
     problem: Problem,
     start: Values,
-    levels: Levels,
-    edges: EdgeMode,
+    levels: Sequence[Stage],
     candidate: int,
-    recorder: Recorder,
+    progress: Progress,
     known: Sequence[LocalMinimum] = (),
 ) -> FitState | None:
     """The end of the levels from one start; levels that are too coarse for the start are left out.
@@ -89,20 +74,20 @@ def descend(
     A solve that comes to a minimum that is already `known` is given up: None. So is one that is far worse on a blurred
     level than a minimum that explains the picture.
     """
-    first = Stage(edges, binning=levels.binning_at(max(levels.blurs, default=0.0)))
-    state = FitState.at(problem, problem.y_of(start), first)
-    for level, blur in enumerate(levels.blurs):
+    state = FitState.at(problem, problem.y_of(start), dataclasses.replace(levels[0], blur=0.0))
+    for number, stage in enumerate(levels):
+        blur = stage.blur
         # Leave out a level whose blur takes away what is still off from here.
         if blur > 0 and signal_left(state, blur) < LEAST_SIGNAL:
             continue
-        stage = Stage(edges, blur, levels.binning_at(blur), noise=state.rms_residual)
+        stage = dataclasses.replace(stage, noise=state.rms_residual)
         # The next level's start need not be as near as the end, by which minima are compared. A solve that needs more
         # than 25 steps is not on its way to the answer.
         relative, decrease = (1e-3, 1e-2) if blur > 0 else (1e-4, 1e-4)
         method = LevenbergMarquardt(25, relative, decrease, rejected=2)
-        recorder.begin(candidate, level, blur, leads=candidate == 0)
+        record = progress.of_level(candidate, number, blur, leads=candidate == 0)
         held = held_under(problem, state.y, blur)
-        state = levenberg_marquardt(problem, state.y, stage, recorder.step, method, held)
+        state = levenberg_marquardt(problem, state.y, stage, record, method, held)
         if any(is_same(problem, problem.values(state.y), minimum.summary.value) for minimum in known):
             return None
         rival = known[0] if blur > 0 and known and known[0].summary.explained else None
@@ -124,7 +109,7 @@ def held_under(problem: Problem, y: Vector, blur: float) -> list[int]:
     offset, and a blur that is less than the level's anywhere, and with them what is sought.
     """
     effects, values = problem.camera.free_effects, problem.values(y)
-    squared = {effect.name for effect in FILM_EFFECTS if effect.is_squared}
+    squared = {effect.name for effect in RESPONSE_EFFECTS if effect.is_squared}
     lesser = [k for k, name in enumerate(problem.unknowns.names) if effects.get(name) in squared and values[k] < blur]
     return [*problem.camera.linear_indices, *lesser] if blur > 0 else []
 
@@ -147,21 +132,20 @@ def evaluate(
     The measure is the root mean square of the blurred, weighted difference; infinite where a picture is not finite. The
     numbers of the film in which the picture is linear, such as its gain, take their best values.
     """
-    observation, raster = problem.binned(binning), problem.raster(binning)
+    observation, points = problem.binned(binning), problem.points(*problem.places(binning), binning)
     target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
-    points = raster.points(*raster.places)
-    costs, found = [], np.array(values, np.float64)
-    for some in np.array_split(np.arange(len(values)), -(-len(values) // AT_ONCE)):
+    costs, films = [], np.array(values, np.float64)
+    for chunk in np.array_split(np.arange(len(values)), -(-len(values) // AT_ONCE)):
         # As many each time: another number of them is another program.
-        scenes = problem.scenes_with(np.resize(found[some], (AT_ONCE, found.shape[1])))
-        wanted = map_scenes(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
-        images = problem.model.points(wanted, points, problem.base).reshape(-1, *target.shape)
+        scenes = problem.scenes_with(np.resize(films[chunk], (AT_ONCE, films.shape[1])))
+        kept = map_scenes(lambda x, chunk=chunk: np.asarray(x)[: len(chunk)], scenes)
+        images = problem.model.points(kept, points, problem.base).reshape(-1, *target.shape)
         if problem.camera.is_needed:
-            found[some], images = best_films(problem, found[some], images, binning)
+            films[chunk], images = best_films(problem, films[chunk], images, binning)
         each = np.sqrt(np.mean(blurred((images - target) * root, SCAN_BLUR) ** 2, axis=(1, 2, 3)))
         costs += [finite_or_last(float(cost)) for cost in each]
-        tell(len(some))
-    return np.array(costs), found
+        tell(len(chunk))
+    return np.array(costs), films
 
 
 def best_films(
@@ -171,17 +155,17 @@ def best_films(
     binning: int,
 ) -> tuple[Float[np.ndarray, "pictures parameters"], Float[np.ndarray, "pictures 3 height width"]]:
     """Rows of values whose linear numbers of the film are best for the target, and the pictures that they make."""
-    found = develop_best(
+    developed = best_response(
         problem.array(np.resize(rows, (AT_ONCE, *rows.shape[1:]))),
         problem.array(np.resize(light, (AT_ONCE, *light.shape[1:]))),
         problem.camera.of_scene,
         problem.binned(binning),
         problem.array(SCAN_BLUR),
         problem.unknowns,
-        problem.raster(binning).frame,
+        problem.frame(binning),
         problem.camera.linear_indices,
     )
-    best, images = (np.asarray(x, np.float64)[: len(rows)] for x in found)
+    best, images = (np.asarray(x, np.float64)[: len(rows)] for x in developed)
     return best, images
 
 
@@ -215,24 +199,20 @@ def scan(problem: Problem, tell: Callable[[int], None]) -> list[Values]:
 
 def find_minima(
     problem: Problem,
-    levels: Levels,
-    edges: EdgeMode,
-    scanned: bool,
-    recorder: Recorder,
+    levels: Sequence[Stage],
+    options: FitOptions,
+    progress: Progress,
 ) -> list[LocalMinimum]:
     """Minima on the small pictures, best first.
 
     A start that leads to a picture which is not finite is left out, with a warning.
-
-    Args:
-        scanned: whether to look for starts; if not, the scene's values are the only one.
 
     Raises:
         PictureError: no start leads to a picture that is finite.
     """
     minima: list[LocalMinimum] = []
     tried: list[np.ndarray] = []
-    for start in find_starts(problem, scanned, recorder):
+    for start in find_starts(problem, options.search, progress):
         # Take the next start that is not like one before, unless there is answer enough.
         enough = len(tried) >= LEAST_SOLVES and any(minimum.summary.explained for minimum in minima)
         if enough or len(tried) == 5:
@@ -240,8 +220,8 @@ def find_minima(
         if any(problem.distance(start, other) < 0.1 for other in tried):
             continue
         candidate = len(tried)
-        recorder.phase(f"solving from start {candidate + 1}")
-        end = descend(problem, start, levels, edges, candidate, recorder, minima)
+        progress.phase(f"solving from start {candidate + 1}")
+        end = descend(problem, start, levels or [Stage(options.edges)], candidate, progress, minima)
         tried.append(start)
         if end is None:
             continue
@@ -251,8 +231,8 @@ def find_minima(
             warnings.warn(words, RaytraceWarning, stacklevel=2)
             continue
         # Put its minimum among the others; the best so far is the answer if the fit is stopped.
-        minima = with_minimum(problem, minima, LocalMinimum.of(end, candidate, max(len(levels.blurs) - 1, 0)))
-        recorder.found(answer=minima[0].y)
+        minima = with_minimum(problem, minima, LocalMinimum.of(end, candidate, max(len(levels) - 1, 0)))
+        progress.findings.answer = minima[0].y
     if not minima:
         raise PictureError(
             "the fit has nowhere to begin: the picture of every start, or a derivative of it, is not finite. Look at "
@@ -261,7 +241,7 @@ def find_minima(
     return [minimum.judged_against(minima[0].residual) for minimum in minima]
 
 
-def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[Values]:
+def find_starts(problem: Problem, scanned: bool, progress: Progress) -> list[Values]:
     """The places to solve from, most promising first."""
     if not scanned:
         start = problem.unknowns.initial(problem.scene)[None]
@@ -269,13 +249,13 @@ def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[Val
         if problem.camera.linear_indices:
             _, start = evaluate(problem, start, binning_to(problem, 5_000), lambda pictures: None)
         return [*start]
-    told = [0]
+    pictures = [0]
 
-    def tell(pictures: int) -> None:
-        told.append(told[-1] + pictures)
-        recorder.phase(f"scanning, {told[-1]} pictures")
+    def tell(further: int) -> None:
+        pictures.append(pictures[-1] + further)
+        progress.phase(f"scanning, {pictures[-1]} pictures")
 
-    recorder.phase("scanning: compiling")
+    progress.phase("scanning: compiling")
     return scan(problem, tell)
 
 
@@ -285,6 +265,6 @@ def with_minimum(problem: Problem, minima: list[LocalMinimum], new: LocalMinimum
     def size(minimum: LocalMinimum) -> float:
         return minimum.summary.rms_residual
 
-    same = [one for one in minima if is_same(problem, new.summary.value, one.summary.value)]
-    others = [one for one in minima if all(one is not other for other in same)]
+    same = [each for each in minima if is_same(problem, new.summary.value, each.summary.value)]
+    others = [each for each in minima if all(each is not other for other in same)]
     return sorted([*others, min([*same, new], key=size)], key=size)

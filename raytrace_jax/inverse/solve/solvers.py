@@ -10,15 +10,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
+from jaxtyping import Float, Int
 
 from ...errors import RaytraceWarning
+from ...scene.scene import Scene
 from ...util.numerics import TINY, on_device, solve_normal
 from ..judge.uncertainty import RANK_TOLERANCE
 from ..options import Stage
 from ..problem.linearize import Linearization
 from ..problem.problem import FitState, Problem
-from ..problem.unknowns import Values, Vector
-from .steps import Record, project_gradient, shorten_step
+from ..problem.unknowns import Unknowns, Values, Vector
+from ..progress import Record
 
 
 def minimise(
@@ -46,8 +48,8 @@ def minimise(
     return best
 
 
-class Trust(NamedTuple):
-    """Levenberg-Marquardt's memory: optimistix' solver, its state, whether it is done, and rejected steps in a row."""
+class TrustState(NamedTuple):
+    """Optimistix' solver, its state, whether it is done, and rejected steps in a row."""
 
     solver: optx.LevenbergMarquardt
     state: Any
@@ -75,25 +77,25 @@ class LevenbergMarquardt:
     decrease: float = 1e-10
     rejected: int = 3
 
-    def init(self, start: FitState) -> Trust:
-        limit = on_device(max(self.relative, resolution(start.y.dtype)), start.y.dtype)
+    def init(self, start: FitState) -> TrustState:
+        limit = on_device(max(self.relative, tolerance(start.y.dtype)), start.y.dtype)
         # `limit` is an array, not the float that the annotation says: a new tolerance must not compile anew.
         solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
-        return Trust(solver, init(solver, start.y, linear_model(start)))
+        return TrustState(solver, init(solver, start.y, linear_model(start)))
 
-    def step(self, best: FitState, seen: FitState, memory: Trust) -> tuple[FitState, Vector, Trust]:
+    def step(self, best: FitState, seen: FitState, memory: TrustState) -> tuple[FitState, Vector, TrustState]:
         y, state, done = advance(memory.solver, best.y, linear_model(seen), memory.state)
         accepted = seen.linearization.is_finite and np.array_equal(y, seen.y)
         best, rejected = (seen, 0) if accepted else (best, memory.rejected + 1)
         # Have it try a point that is possible.
         to = shorten_step(best.problem, best.y, state.y_eval)
         state = eqx.tree_at(lambda state: state.y_eval, state, to)
-        return best, to, Trust(memory.solver, state, bool(done), rejected)
+        return best, to, TrustState(memory.solver, state, bool(done), rejected)
 
-    def terminate(self, best: FitState, memory: Trust) -> bool | None:
+    def terminate(self, best: FitState, memory: TrustState) -> bool | None:
         free = project_gradient(best)
-        promised = promised_decrease(free) / max(np.sum(np.asarray(free.residual, np.float64) ** 2), TINY)
-        ends = memory.done or memory.rejected >= self.rejected or promised < self.decrease
+        decrease = predicted_decrease(free) / max(np.sum(np.asarray(free.residual, np.float64) ** 2), TINY)
+        ends = memory.done or memory.rejected >= self.rejected or decrease < self.decrease
         return True if ends else None
 
 
@@ -148,19 +150,19 @@ def advance(solver, y, model, state):
     return y, state, done
 
 
-class Pace(NamedTuple):
-    """Gauss-Newton's memory.
+class StepState(NamedTuple):
+    """What Gauss-Newton knows of its steps.
 
     Args:
-        promised: what the step from the best place promises to take off the sum of squares.
-        in_vain: steps in a row whose end promises more than half of that.
-        move, reach: length of the next step in standard errors, 0 if it is one of rounding, and in natural scales.
+        predicted_decrease: what the step from the best place predicts to take off the sum of squares.
+        stalled: steps in a row whose end predicts more than half of that.
+        sigmas, length: length of the next step in standard errors, 0 if it is one of rounding, and in natural scales.
     """
 
-    promised: float = np.inf
-    in_vain: int = 0
-    move: float = 0.0
-    reach: float = 0.0
+    predicted_decrease: float = np.inf
+    stalled: int = 0
+    sigmas: float = 0.0
+    length: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,7 +171,7 @@ class GaussNewton:
 
     A picture of points or of samples jumps where an edge crosses one, so that its cost holds up a solver that asks it
     to fall. A step is the estimate's distance from the answer as the derivative sees it, and its measure is what it
-    promises to take off the sum of squares. What is left, the step that was not taken, is part of the answer's error.
+    predicts to take off the sum of squares. What is left, the step that was not taken, is part of the answer's error.
     A place that is not finite is not taken: the steps end before it, with a warning, and not at rest.
 
     Args:
@@ -184,41 +186,41 @@ class GaussNewton:
     error: Values | None = None
     trust: float = 0.1
 
-    def init(self, start: FitState) -> Pace:
-        return Pace()
+    def init(self, start: FitState) -> StepState:
+        return StepState()
 
-    def step(self, best: FitState, seen: FitState, memory: Pace) -> tuple[FitState, Vector, Pace]:
+    def step(self, best: FitState, seen: FitState, memory: StepState) -> tuple[FitState, Vector, StepState]:
         problem = seen.problem
         if not seen.linearization.is_finite:
             words = "a picture or a derivative has values that are not finite: the last steps of the fit end before it."
             warnings.warn(words, RaytraceWarning, stacklevel=2)
-            return dataclasses.replace(best, settled=False, next_move=0.0), best.y, Pace()
+            return dataclasses.replace(best, settled=False, next_move=0.0), best.y, StepState()
         free = project_gradient(seen)
-        promised = promised_decrease(free)
-        in_vain = 0 if promised < 0.5 * memory.promised else memory.in_vain + 1
+        decrease, least = predicted_decrease(free), memory.predicted_decrease
         step, here = step_to_minimum(seen, free), np.asarray(seen.y)
         to = shorten_step(problem, seen.y, here + step)
-        rounding = resolution(here.dtype) * np.maximum(np.abs(here), 1)
-        move = 0.0 if np.all(np.abs(np.asarray(to) - here) <= rounding) else move_in_errors(free)
+        rounding = tolerance(here.dtype) * np.maximum(np.abs(here), 1)
+        sigmas = 0.0 if np.all(np.abs(np.asarray(to) - here) <= rounding) else step_in_errors(free)
         if self.error is not None:
-            move = min(move, float(np.max(np.abs(step) / np.maximum(self.error, TINY))))
-        reach = problem.distance(problem.values(to), problem.values(seen.y))
-        if promised < memory.promised:
-            best = dataclasses.replace(seen, settled=reach < self.trust, next_step=step, next_move=move)
-        return best, to, Pace(min(promised, memory.promised), in_vain, move, reach)
+            sigmas = min(sigmas, float(np.max(np.abs(step) / np.maximum(self.error, TINY))))
+        length = problem.distance(problem.values(to), problem.values(seen.y))
+        if decrease < least:
+            best = dataclasses.replace(seen, settled=length < self.trust, next_step=step, next_move=sigmas)
+        stalled = 0 if decrease < 0.5 * least else memory.stalled + 1
+        return best, to, StepState(min(decrease, least), stalled, sigmas, length)
 
-    def terminate(self, best: FitState, memory: Pace) -> bool | None:
-        # Single pixels that jump make steps go to and fro by about a standard error: two in vain are the end.
-        ends = memory.move < self.move or memory.in_vain == 2 or memory.reach >= self.trust
+    def terminate(self, best: FitState, memory: StepState) -> bool | None:
+        # Single pixels that jump make steps go to and fro by about a standard error: two that stall are the end.
+        ends = memory.sigmas < self.move or memory.stalled == 2 or memory.length >= self.trust
         return best.settled if ends else None
 
 
-def resolution(dtype) -> float:
+def tolerance(dtype) -> float:
     """A change of four roundings is none."""
     return 4 * float(jnp.finfo(dtype).eps)
 
 
-def promised_decrease(linearization: Linearization) -> float:
+def predicted_decrease(linearization: Linearization) -> float:
     """What the linear problem takes off the sum of squares: `|P r|^2`, P projecting on the Jacobian's span."""
     triangle = np.asarray(linearization.jacobian, np.float64)
     residual = np.asarray(linearization.residual, np.float64)
@@ -269,7 +271,7 @@ def step_to_minimum(state: FitState, free: Linearization) -> Values:
     return step
 
 
-def move_in_errors(linearization: Linearization) -> float:
+def step_in_errors(linearization: Linearization) -> float:
     """The length of the next step in standard errors.
 
     That is the score `g = J^T W r` over its own scatter, `(g^T P^-1 g / p)^(1/2)`, where `P` is the sum over residuals
@@ -288,5 +290,55 @@ def move_in_errors(linearization: Linearization) -> float:
     unit, scatter = score[moves] / length[moves], scatter[np.ix_(moves, moves)]
     scatter = scatter / np.outer(length[moves], length[moves])
     strengths, directions = np.linalg.eigh(scatter)
-    seen = np.maximum(strengths, RANK_TOLERANCE)
-    return float(np.sqrt(np.mean((directions.T @ unit) ** 2 / seen)))
+    strengths_used = np.maximum(strengths, RANK_TOLERANCE)
+    return float(np.sqrt(np.mean((directions.T @ unit) ** 2 / strengths_used)))
+
+
+def shorten_step(problem: Problem, origin: Vector, tried) -> Vector:
+    """The end of a step, moved into the reach of the unknowns and halved until no ball has swallowed the camera."""
+    place, start = np.clip(np.asarray(tried), *problem.unknowns.reach), np.asarray(origin)
+    # A step that leads into the impossible is given up after ten halvings: a thousandth of it is none.
+    for _ in range(10):
+        if is_possible(problem, problem.array(place)):
+            return problem.array(place)
+        place = (place + start) / 2
+    return problem.array(start)
+
+
+def is_possible(problem: Problem, y: Vector) -> bool:
+    """Whether the camera is in no ball in which it was not at the start."""
+    return bool(np.all(gaps(problem.scene_at(y))[gaps(problem.scene) > 0] > 0))
+
+
+def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
+    """The distance of each ball's surface from the camera; negative if the camera is in the ball."""
+    parts = scene.spheres.center, scene.spheres.radius, scene.camera.viewpoint
+    center, radius, viewpoint = (np.asarray(part, np.float64) for part in parts)
+    return np.linalg.norm(center - viewpoint[:, None], axis=0) - radius
+
+
+def at_bounds(y: Vector, unknowns: Unknowns) -> Int[np.ndarray, " parameters"]:
+    """The end of its reach that each unknown is at: -1 is the lower, 1 the upper, 0 neither."""
+    lower, upper = unknowns.reach
+    # The ends are rounded to the unknowns' dtype, as where they were clipped.
+    place = np.asarray(y)
+    return np.where(place <= lower.astype(place.dtype), -1, np.where(place >= upper.astype(place.dtype), 1, 0))
+
+
+def bounds_reached(y: Vector, unknowns: Unknowns) -> tuple[tuple[str, float], ...]:
+    """The name of each parameter that is at a bound, with the bound."""
+    rows = zip(unknowns.names, unknowns.transforms, at_bounds(y, unknowns), strict=True)
+    return tuple((name, bounded.lower if side < 0 else bounded.upper) for name, bounded, side in rows if side)
+
+
+def project_gradient(state: FitState) -> Linearization:
+    """A state's linearisation that holds the unknowns at a bound where the cost falls beyond it (projected gradient).
+
+    Their columns of the Jacobian are 0, so that no step moves them.
+    """
+    side, linearization = at_bounds(state.y, state.problem.unknowns), state.linearization
+    if not side.any():
+        return linearization
+    triangle = np.asarray(linearization.jacobian)
+    downhill = -triangle.T @ np.asarray(linearization.residual)
+    return dataclasses.replace(linearization, jacobian=on_device(np.where(side * downhill > 0, 0, triangle)))

@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,12 +14,26 @@ from ...util.digits import value_and_error
 from ..panels import drawable
 from .summary import correlation_text, level_labels, power_of_ten, typeset
 
+STYLE: dict[Any, Any] = {
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.labelsize": 8,
+    "axes.titlesize": 9,
+    "axes.titley": 1.0,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "text.parse_math": False,
+}
+"""The looks of all panels of curves, for `matplotlib.rc_context`."""
+
 LINE, START, ESTIMATE, OTHERS = "#1f4e79", "#8a8a8a", "#f2b134", "#d9c7b8"
 
 
 def winning_steps(result: FitResult) -> list[FitStep]:
     """The steps that led to the estimate: those taken, of the winning candidate."""
-    return [step for step in result.history.steps if step.accepted and step.candidate == result.history.candidate]
+    return [step for step in result.steps if step.accepted and step.candidate == result.candidate]
 
 
 class _Powers(LogFormatter):
@@ -32,11 +47,10 @@ def draw_cost(ax: Axes, result: FitResult) -> None:
     """Draw the cost against the steps that led to the estimate, one line a level; other candidates thin and pale."""
     steps = winning_steps(result)
     labels = level_labels(steps)
-    others = [step for step in result.history.steps if step.accepted and step.candidate != result.history.candidate]
-    for candidate in sorted({step.candidate for step in others}):
-        own = [step for step in others if step.candidate == candidate]
-        for level in sorted({step.level for step in own}):
-            _draw_level(ax, own, level, color=OTHERS, linewidth=0.8, zorder=1)
+    others = [step for step in result.steps if step.accepted and step.candidate != result.candidate]
+    for candidate, level in sorted({(step.candidate, step.level) for step in others}):
+        its_steps = [step for step in others if step.candidate == candidate]
+        _draw_level(ax, its_steps, level, color=OTHERS, linewidth=0.8, zorder=1)
     if others:
         ax.plot([], [], color=OTHERS, linewidth=0.8, label="other starts")
     levels = sorted({step.level for step in steps})
@@ -49,9 +63,8 @@ def draw_cost(ax: Axes, result: FitResult) -> None:
         ax.yaxis.set_minor_formatter(_Powers(labelOnlyBase=False, minor_thresholds=(1, 0.4)))
     if levels:
         # Between the title and the panel, where it covers no line.
-        where = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.02), "borderaxespad": 0, "borderpad": 0}
-        looks = {"fontsize": 7, "frameon": False, "handlelength": 1.2, "labelspacing": 0.2, "columnspacing": 1.0}
-        ax.legend(ncols=2, **where, **looks)
+        tight = {"handlelength": 1.2, "labelspacing": 0.2, "columnspacing": 1.0, "borderaxespad": 0, "borderpad": 0}
+        ax.legend(ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.02), **tight)
     # In points: the legend's rows of two entries are 10 high each.
     _finish_steps(ax, steps, pad=5 + 10 * math.ceil((len(levels) + bool(others)) / 2))
 
@@ -82,13 +95,13 @@ def _finish_steps(ax: Axes, steps: list[FitStep], pad: float) -> None:
             ax.axvline(i - 0.5, color="0.85", linewidth=0.8, zorder=0)
     ax.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     ax.set_xlabel("accepted step")
-    set_looks(ax, pad)
+    ax.set_title("", pad=pad)
 
 
 def corner_columns(result: FitResult) -> list[int]:
     """The columns of the parameters of the corner plot: those determined, at most the six that are most correlated."""
     error, correlation = result.total_error, result.total_correlation
-    known = [k for k in range(len(result.names)) if np.isfinite(error[k]) and error[k] > 0]
+    known = np.flatnonzero(np.isfinite(error) & (error > 0)).tolist()
     pairs = [pair for pair in itertools.combinations(known, 2) if np.isfinite(correlation[pair])]
     pairs.sort(key=lambda pair: -abs(correlation[pair]))
     return sorted(list(dict.fromkeys(itertools.chain.from_iterable(pairs)))[:6])
@@ -114,9 +127,10 @@ def draw_corner(axes: np.ndarray, result: FitResult, columns: Sequence[int]) -> 
         if j > i:
             ax.set_visible(False)
             continue
-        set_looks(ax, label_size=7)
         ax.spines[:].set(visible=True, color="0.5", linewidth=0.6)
         ax.tick_params(length=2.5, width=0.6, color="0.5")
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.label.set_size(7)
         ax.set(**_deviations(result, "x", column, i == len(columns) - 1))
         if j < i:
             ax.set(**_deviations(result, "y", row, j == 0))
@@ -126,7 +140,7 @@ def draw_corner(axes: np.ndarray, result: FitResult, columns: Sequence[int]) -> 
             _draw_density(ax, result, column)
     # In the empty triangle; the layout needs no place for it.
     where = {"loc": "upper right", "bbox_to_anchor": (1, 1), "bbox_transform": axes[0, -1].transAxes}
-    legend = axes[0, 0].legend(*axes[1, 0].get_legend_handles_labels(), fontsize=7, frameon=False, **where)
+    legend = axes[0, 0].legend(*axes[1, 0].get_legend_handles_labels(), **where)
     legend.set_in_layout(False)
 
 
@@ -148,10 +162,11 @@ def _deviations(result: FitResult, axis: str, column: int, outer: bool) -> dict[
 def _draw_density(ax: Axes, result: FitResult, column: int) -> None:
     error, noise = float(result.total_error[column]), float(result.standard_error[column])
     x = np.linspace(*ax.get_xlim(), 181)
+    density = np.exp(-((x / error) ** 2) / 2)
     ax.axvspan(-error, error, color=ESTIMATE, alpha=0.35, linewidth=0, zorder=0)
     ax.axvline(0, color=ESTIMATE, linewidth=1.0)
-    ax.fill_between(x, np.exp(-((x / error) ** 2) / 2), facecolor=LINE, alpha=0.13, linewidth=0)
-    ax.plot(x, np.exp(-((x / error) ** 2) / 2), color=LINE, linewidth=1.2)
+    ax.fill_between(x, density, facecolor=LINE, alpha=0.13, linewidth=0)
+    ax.plot(x, density, color=LINE, linewidth=1.2)
     if 0 < noise < error:
         ax.plot(x, np.exp(-((x / noise) ** 2) / 2), color=LINE, linewidth=1.0, linestyle=":")
 
@@ -173,8 +188,7 @@ def draw_profile(ax: Axes, result: FitResult, profile: Profile) -> None:
     """Draw chi-square against a parameter's deviation, with its 95 % interval and the standard error's parabola."""
     column = result.names.index(profile.name)
     value, error = float(result.value[column]), float(result.standard_error[column])
-    extent = max(abs(float(profile.value[0]) - value), abs(float(profile.value[-1]) - value))
-    exponent = _exponent(extent)
+    exponent = _exponent(float(np.abs(profile.value[[0, -1]] - value).max()))
     unit = 10.0**exponent
     deviation = (profile.value - value) / unit
     finite = profile.chi_square[np.isfinite(profile.chi_square)]
@@ -189,11 +203,10 @@ def draw_profile(ax: Axes, result: FitResult, profile: Profile) -> None:
         ax.plot(dense, parabola, color=START, linewidth=1.0, linestyle=":", label="standard error")
     ax.plot(deviation, profile.chi_square, ".-", color=LINE, markersize=4, linewidth=1.2, label="profile")
     ax.set(ylim=(bottom, top), xlabel=_axis_label(profile.name, exponent), ylabel="chi-square")
-    ax.legend(fontsize=7, frameon=False, handlelength=1.5, labelspacing=0.2, loc="upper center")
-    ax.xaxis.set_major_locator(MaxNLocator(5))
-    ax.yaxis.set_major_locator(MaxNLocator(5))
+    ax.legend(handlelength=1.5, labelspacing=0.2, loc="upper center")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(5))
     ax.ticklabel_format(useOffset=False)
-    set_looks(ax)
 
 
 def interval_text(result: FitResult, profile: Profile) -> str:
@@ -214,12 +227,3 @@ def _exponent(extent: float) -> int:
 
 def _axis_label(name: str, exponent: int, longest: int = 20) -> str:
     return f"Δ {drawable(name, longest)}" + (f" [{power_of_ten(exponent)}]" if exponent else "")
-
-
-def set_looks(ax: Axes, pad: float = 6, label_size: float = 8) -> None:
-    """Small letters, and a title that stands `pad` points above."""
-    ax.tick_params(which="both", labelsize=7)
-    ax.spines[["top", "right"]].set_visible(False)
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.label.set(fontsize=label_size, parse_math=False)
-    ax.set_title("", fontsize=9, pad=pad, y=1.0)

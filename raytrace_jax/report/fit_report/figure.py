@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -15,7 +16,7 @@ from PIL import Image
 
 from ...inverse.result import FitResult
 from ..films import screen_transfer
-from ..panels import as_pixels, data_address, draw_signed_values, drawable, letter_panels, png_bytes
+from ..panels import as_pixels, data_address, draw_signed_values, drawable, letter_panels, png_bytes, remove_ticks
 from . import curves
 from .summary import facts, typeset
 
@@ -31,12 +32,13 @@ class ResidualMap(NamedTuple):
     extends: bool
 
 
-def residual_of(result: FitResult, image: np.ndarray) -> ResidualMap:
+def residual_of(result: FitResult) -> ResidualMap | None:
     """The signed residual of a fit's picture, with a scale that a few bright pixels at edges do not spoil."""
-    pictures = result.pictures
-    difference = np.where(pictures.weights > 0, 255 * (image - pictures.target), 0)
+    if result.image is None:
+        return None
+    difference = np.where(result.weights > 0, 255 * (result.image - result.target), 0)
     worst = np.argmax(np.abs(difference), axis=0)[None]
-    picture = np.ma.masked_where(~pictures.counts, np.take_along_axis(difference, worst, axis=0)[0])
+    picture = np.ma.masked_where(~result.counts, np.take_along_axis(difference, worst, axis=0)[0])
     sizes = np.abs(picture.compressed())
     if not sizes.size:
         return ResidualMap(picture, 1.0, False)
@@ -49,9 +51,9 @@ def embed(image: Image.Image, colours: int | None = None) -> dict[str, object]:
     # Pictures above 1600 pixels are reduced: a page has no room for more, and a mail no patience.
     image = image.reduce(-(-max(image.size) // 1600))
     image = image.quantize(colours) if colours else image
+    width, height = image.size
     # Pictures below 200 pixels are shown with visible pixels rather than smoothed.
-    size = {"width": image.width, "height": image.height, "coarse": image.width < 200}
-    return {"address": data_address(png_bytes(image)), **size}
+    return {"address": data_address(png_bytes(image)), "width": width, "height": height, "coarse": width < 200}
 
 
 KEY = """\
@@ -79,7 +81,7 @@ class Sheet(NamedTuple):
 def draw_report(result: FitResult, long: bool = False) -> Sheet:
     """Draw target, start, fit and residual, the cost, the way of every parameter, the corner plot and profiles."""
     # Wide pictures stand in two rows; all heights are inches.
-    _, height, width = result.pictures.target.shape
+    _, height, width = result.target.shape
     picture_columns = 2 if width / height > 2.2 else 4
     picture_height = min(6.0, 10.8 / picture_columns * height / width) + 0.35
     # Beside the corner plot stand all or the ways, three in a row; what is left stands below, at most five in a row.
@@ -97,23 +99,25 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
     canvas, title = FigureCanvasAgg(figure), result.status.replace("_", " ")
     figure.suptitle(title, fontsize=12, fontweight="bold", color=COLOURS[result.status])
     pictures, *bands = figure.subfigures(len(heights), squeeze=False, height_ratios=heights).ravel()
-    told = facts(result)
-    (rms, few), typical, steps = told["rms residual"], told["typical residual"][0], told["steps"][0]
+    numbers = facts(result)
+    (rms, few), typical, steps = numbers["rms residual"], numbers["typical residual"][0], numbers["steps"][0]
     judged = f"rms residual {rms} ({few}), typical {typical}, {steps} steps"
     pictures.suptitle("\n".join([*message, judged]), fontsize=9, parse_math=False)
-    no_ticks = {"xticks": [], "yticks": []}
-    _draw_pictures(pictures.subplots(4 // picture_columns, picture_columns, subplot_kw=no_ticks).ravel(), result)
+    axes = pictures.subplots(4 // picture_columns, picture_columns).ravel()
+    remove_ticks(axes)
+    _draw_pictures(axes, result)
     bands[0].suptitle(KEY, fontsize=8, color="0.35")
     shown = []
-    if corner:
-        left, right = bands[0].subfigures(1, 2, width_ratios=(12 - side, side))
-        shown += _draw_curves(left, beside, 3)
-        axes = right.subplots(len(corner), len(corner))
-        curves.draw_corner(axes, result, corner)
-        axes[0, 0].title.set(text="95 % ellipses and densities", x=1)
-        right.align_labels()
-        shown.append(("ellipses", "", "", axes[np.tril_indices_from(axes)]))
-    shown += _draw_curves(bands[-1], below, 5) if below else []
+    with matplotlib.rc_context(curves.STYLE):
+        if corner:
+            left, right = bands[0].subfigures(1, 2, width_ratios=(12 - side, side))
+            shown += _draw_curves(left, beside, 3)
+            axes = right.subplots(len(corner), len(corner))
+            curves.draw_corner(axes, result, corner)
+            axes[0, 0].title.set(text="95 % ellipses and densities", x=1)
+            right.align_labels()
+            shown.append(("ellipses", "", "", axes[np.tril_indices_from(axes)]))
+        shown += _draw_curves(bands[-1], below, 5) if below else []
     letter_panels(figure.axes)
 
     canvas.draw()
@@ -122,23 +126,20 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
     for group, name, remark, axes in shown:
         # A page says the title in its own words.
         title, box = axes[0].title.get_window_extent(), Bbox.union([ax.get_tightbbox() for ax in axes])
-        box = (round(box.x0), round(image.height - title.y0), round(box.x1), round(image.height - box.y0))
-        cut[group].append((name, remark, image.crop(box)))
+        left, right, top, bottom = map(round, (box.x0, box.x1, image.height - title.y0, image.height - box.y0))
+        cut[group].append((name, remark, image.crop((left, top, right, bottom))))
     return Sheet(figure, image, cut)
 
 
-def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, str, Callable[[Axes], None]]]:
-    """The panels of curves: group, name and remark of each, its title on the sheet, and what draws it."""
-    cost = "cost of each level"
-    drawn = [("traces", cost, "", cost, partial(curves.draw_cost, result=result))]
-    for k, row in enumerate(result.rows):
-        name, line = row.label, typeset(row.text(long))
+def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, Callable[[Axes], None]]]:
+    """The panels of curves: group, name and remark of each, and what draws it."""
+    drawn = [("traces", "cost of each level", "", partial(curves.draw_cost, result=result))]
+    for k, row in enumerate(result.parameters.values()):
         draw = partial(curves.draw_trace, result=result, column=k)
-        drawn.append(("traces", name, line, f"{drawable(name, 22)}\n{line}", draw))
+        drawn.append(("traces", row.label, typeset(row.text(long)), draw))
     for profile in result.profiles:
-        remark = curves.interval_text(result, profile)
         draw = partial(curves.draw_profile, result=result, profile=profile)
-        drawn.append(("profiles", profile.name, remark, f"profile likelihood\n{remark}", draw))
+        drawn.append(("profiles", profile.name, curves.interval_text(result, profile), draw))
     return drawn
 
 
@@ -146,22 +147,31 @@ def _draw_curves(part: SubFigure, drawn: Sequence[tuple], most: int) -> list[tup
     """Draw panels of curves in rows of at most so many; group, name, remark and axes of each."""
     rows = math.ceil(len(drawn) / most)
     axes = part.subplots(rows, math.ceil(len(drawn) / rows), squeeze=False).ravel()
-    for ax, (*_, title, draw) in zip(axes, drawn, strict=False):
-        draw(ax)
-        ax.title.set(text=title, parse_math=False)
     for ax in axes[len(drawn) :]:
         ax.set_visible(False)
-    return [(*said[:3], [ax]) for ax, said in zip(axes, drawn, strict=False)]
+    shown = []
+    for ax, (group, name, remark, draw) in zip(axes, drawn, strict=False):
+        draw(ax)
+        heading = drawable(name, 22) if group == "traces" else "profile likelihood"
+        ax.title.set_text(f"{heading}\n{remark}".strip())
+        shown.append((group, name, remark, [ax]))
+    return shown
 
 
 def _draw_pictures(axes: Sequence[Axes], result: FitResult) -> None:
-    pictures = result.pictures
-    shown = {"target": pictures.target, "start": pictures.start, "fit": pictures.estimate}
-    for ax, (name, image) in zip(axes, shown.items(), strict=False):
-        if image is not None:
-            ax.imshow(as_pixels(image, screen_transfer(result.settings)), interpolation="nearest")
-        ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9)
-    axes[3].set_visible(pictures.estimate is not None)
-    if pictures.estimate is not None:
-        draw_signed_values(axes[3], *residual_of(result, pictures.estimate), "1/255")
+    shown, residual = screen_pictures(result), residual_of(result)
+    for ax, name in zip(axes, ("target", "start", "fit"), strict=False):
+        if name in shown:
+            ax.imshow(shown[name], interpolation="nearest")
+        ax.set_title(name if name in shown else f"{name}: not rendered", fontsize=9)
+    axes[3].set_visible(residual is not None)
+    if residual is not None:
+        draw_signed_values(axes[3], *residual, "1/255")
         axes[3].set_title("fit − target, worst channel", fontsize=9)
+
+
+def screen_pictures(result: FitResult) -> dict[str, np.ndarray]:
+    """The 8-bit pixels of target, start and fit; a fit that was stopped has not rendered all."""
+    images = {"target": result.target, "start": result.start_image, "fit": result.image}
+    transfer = screen_transfer(result.settings)
+    return {name: as_pixels(image, transfer) for name, image in images.items() if image is not None}

@@ -1,20 +1,27 @@
-"""The report of a fit: a folder with the estimates, pictures, the fitted scene, a figure and a page to read."""
+"""The report of a fit: a folder with estimates, pictures, scene and figure, and a page that needs no other file."""
 
+import math
 import os
+import re
 from pathlib import Path
 
 import matplotlib
+import numpy as np
+from PIL import Image
 
 from ...images.exr import write_exr
-from ...inverse.result import FitResult
+from ...inverse.judge.model_check import WHAT_IF
+from ...inverse.judge.structure import EVIDENCE
+from ...inverse.result import FitResult, Minimum
 from ...inverse.result_file import SCENE_FILE, save_record
 from ...util.files import atomic_write, read_bytes, write_text
 from ..films import how_made
-from .figure import draw_report
+from ..panels import SIGNED, page_template, signed_pixels
+from . import summary
+from .curves import corner_columns
+from .figure import COLOURS, Sheet, draw_report, embed, residual_of, screen_pictures
 from .methods import methods_text
-from .numbers import write_numbers
-from .page import render_page
-from .summary import csv_table, tex_table
+from .summary import csv_table, tex_table, write_numbers
 
 TEXTS = {"estimates.csv": csv_table, "estimates.tex": tex_table, "methods.txt": methods_text}
 
@@ -30,9 +37,9 @@ def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool
     folder = Path(folder)
     scene_text = read_bytes(folder / SCENE_FILE).decode()
     metadata = how_made(scene_text, result.settings)  # A texture that came as numbers has its file in that text alone.
-    if (image := result.pictures.estimate) is not None:
+    if (image := result.image) is not None:
         write_exr(folder / "fit.exr", image, metadata=metadata)
-        write_exr(folder / "residual.exr", image - result.pictures.target, metadata=metadata)
+        write_exr(folder / "residual.exr", image - result.target, metadata=metadata)
     save_record(result, folder)
     for name, text in TEXTS.items():
         write_text(folder / name, text(result, long))
@@ -45,3 +52,58 @@ def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool
             sheet.figure.savefig(temporary, metadata={"CreationDate": None})
     with atomic_write(folder / "report.html") as temporary:
         temporary.write_text(render_page(result, scene_text, sheet, long), encoding="utf-8")
+
+
+def provenance_rows(result: FitResult) -> list[tuple[str, str]]:
+    """The origin of a fit: its target, command, date and time."""
+    labels = {"target": "target", "target_size": "its size [pixels]", "target_bytes": "its file [bytes]"}
+    labels |= {"target_sha256": "SHA-256 of it", "command": "command", "date": "date"}
+    labels |= {"seconds": "time to the last step [s]", "stages": "time by stage"}
+    known = summary.provenance_of(result)
+    stages = "; ".join(f"{stage}: {seconds:.3g} s" for stage, seconds in known["stages"].items())
+    size = summary.facts(result)["pixels"][0] + summary.place_words(result)
+    known |= {"target_size": size, "stages": stages or "none"}
+    labels |= {name: name.replace("_", " ") for name in known if name not in labels}
+    return [(label, known[name]) for name, label in labels.items() if name in known]
+
+
+def setting_text(value: object) -> str:
+    """A setting in a user's words."""
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value)) or "none"
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return "not set" if value is None else str(value)
+
+
+def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = False) -> str:
+    """The report of a fit as the text of one HTML file; `long` writes estimates as `with_error` does then."""
+    filters = {"number": summary.number_text, "error": summary.error_text, "typeset": summary.typeset}
+    filters["correlation"] = summary.correlation_text
+    # Lines may break behind a name's dots and underscores, but not before a last letter.
+    filters["pieces"] = re.compile("(?<=[._])(?=..)").split
+    template = page_template("report/fit_report/page.html.jinja", filters)
+    known, images, residual = np.isfinite(result.standard_error), screen_pictures(result), residual_of(result)
+    if residual is not None:
+        images["fit − target"] = signed_pixels(residual.picture, residual.limit)
+    estimate = Minimum(result.candidate, result.value, result.rms_residual, 0, True, math.nan)
+    used = {"loss": result.loss} | summary.used_settings(result.settings)
+    return template.render(
+        {group: [(*said, embed(image, 64)) for *said, image in cut] for group, cut in sheet.cut.items()},
+        result=result,
+        corner=[result.labels[k] for k in corner_columns(result)],
+        long=long,
+        colour=COLOURS[result.status],
+        summary=summary,
+        pictures=[(name, embed(Image.fromarray(pixels))) for name, pixels in images.items()],
+        residual=residual,
+        stops=[f"rgb({r}, {g}, {b})" for r, g, b, _ in SIGNED(np.linspace(0, 1, 11), bytes=True)],
+        correlation=np.where(known & known[:, None], result.uncertainty.correlation, np.nan).tolist(),
+        what_if=WHAT_IF,
+        minima=[estimate, *result.runner_ups[:5]],
+        convincing=EVIDENCE,
+        settings=[(name.replace("_", " "), setting_text(value)) for name, value in used.items()],
+        provenance=provenance_rows(result),
+        methods=methods_text(result, long),
+        scene=scene_text,
+    )

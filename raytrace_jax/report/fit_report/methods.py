@@ -31,7 +31,7 @@ def references(result: FitResult) -> dict[str, str]:
     """The works that a fit rests on, in the order of their numbers; the program itself comes first."""
     settings = result.settings
     has_schlick = settings.model == "additive" or (settings.model == "classic" and settings.reflectance == "schlick")
-    is_used = {"schlick": has_schlick, "vuong": bool(result.history.runner_ups)}
+    is_used = {"schlick": has_schlick, "vuong": bool(result.runner_ups)}
     return {name: work for name, work in WORKS.items() if is_used.get(name, True)}
 
 
@@ -43,7 +43,7 @@ def methods_text(result: FitResult, long: bool = False) -> str:
     systematic = [f"the stated uncertainty of {listed(stated)}"] if stated else []
     systematic += ["the model errors that the residual shows"] if np.any(np.diagonal(check.structure) > 0) else []
     apart = zip(result.labels, sure.resolution.tolist(), strict=True)
-    paragraph = page_template("raytrace_jax.report.fit_report", "methods.txt.jinja").render(
+    paragraph = page_template("report/fit_report/methods.txt.jinja", {"typeset": typeset}).render(
         result=result,
         long=long,
         version=__version__,
@@ -51,19 +51,13 @@ def methods_text(result: FitResult, long: bool = False) -> str:
         cite=numbers.get,
         listed=listed,
         target=f"{Path(told['target']).name} " if "target" in told else "",
-        size=facts(result)["pixels"][0],
         place=place_words(result),
-        digest=told.get("target_sha256"),
-        counted=f"{np.count_nonzero(result.pictures.counts):,}",
-        priors=[f"{name} ({number_text(mean, 6)} ± {number_text(sd, 2)})" for name, mean, sd in result.given.priors],
+        counted=f"{np.count_nonzero(result.counts):,}",
+        priors=[f"{name} ({number_text(mean, 6)} ± {number_text(sd, 2)})" for name, mean, sd in result.priors],
         levels=list(level_labels(winning_steps(result)).values()),
-        starts=len({step.candidate for step in result.history.steps}),
-        noise=facts(result)["noise"][0],
+        facts=facts(result),
         apart=[f"{name} ({number_text(distance, 2)})" for name, distance in apart if distance],
         systematic=systematic if np.any(result.systematic_error > 0) else [],
-        estimates=[f"{row.label} = {typeset(row.text(long))}" for row in result.rows],
     )
-    return (
-        "\n".join([" ".join(paragraph.split()), "", *(f"{numbers[name]} {work}" for name, work in works.items())])
-        + "\n"
-    )
+    cited = (f"{numbers[name]} {work}" for name, work in works.items())
+    return "\n".join([" ".join(paragraph.split()), "", *cited, ""])

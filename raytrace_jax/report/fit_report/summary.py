@@ -1,10 +1,16 @@
-"""A fit's numbers as a reader meets them: in print, as plain values, as CSV and as LaTeX."""
+"""A fit's numbers as a reader meets them: in print, as plain values, as CSV and as LaTeX.
 
+Nothing here needs matplotlib: numbers are written first, before the pictures.
+"""
+
+import collections
+import contextlib
 import csv
 import dataclasses
 import importlib.metadata
 import io
 import math
+import os
 import platform
 import re
 from collections.abc import Sequence
@@ -14,10 +20,11 @@ import numpy as np
 
 from ..._version import __version__
 from ...inverse.result import FitResult, FitStep
-from ...tracer.resolved_settings import ResolvedSettings
-from ...tracer.settings import MODEL_RULES
+from ...inverse.result_file import FILE, SCENE_FILE
+from ...scene.writer import save_scene
+from ...tracer.settings import MODEL_RULES, ResolvedSettings
 from ...util.digits import value_and_error, with_error
-from ...util.files import strict
+from ...util.files import as_path, json_text, strict, write_text
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -29,6 +36,7 @@ def typeset(number: str) -> str:
 
 
 def power_of_ten(exponent: int) -> str:
+    """A power of ten with raised digits."""
     return f"10{str(exponent).translate(_RAISED)}"
 
 
@@ -74,24 +82,24 @@ def level_labels(history: Sequence[FitStep]) -> dict[int, str]:
 
 def facts(result: FitResult) -> dict[str, tuple[str, str]]:
     """Number and remark of each number that judges the whole fit, by its label."""
-    pictures, sure, steps, samples = result.pictures, result.uncertainty, result.history.steps, result.target_samples
-    height, width = pictures.counts.shape
-    few, counted, left_out = pictures.residual_pixels, int(np.count_nonzero(pictures.counts)), pictures.left_out
+    sure, steps, samples = result.uncertainty, result.steps, result.target_samples
+    height, width = result.counts.shape
+    few, counted, left_out = result.residual_pixels, int(np.count_nonzero(result.counts)), result.left_out
     holding = f"nine tenths of its square in {few:,} of {counted:,} pixels, " if few else ""
     origin = "given" if sure.sigma_given else "estimated from the residual"
     apart = f"by the median; {left_out:,} pixel{'s' * (left_out > 1)} at edges and the like left out"
-    chi_square = (number_text(sure.reduced_chi_square), "1 is right")
+    chi_square = {"reduced chi-square": (number_text(sure.reduced_chi_square), "1 is right")}
     starts = len({step.candidate for step in steps})
     spent = f"{steps[-1].seconds:.3g} s" if steps else "no time"
     grid = ("many", "each pixel is taken for the mean over its area")
     return {
-        "rms residual": (in_steps_of_8_bits(pictures.rms_residual), f"{holding}without blur"),
+        "rms residual": (in_steps_of_8_bits(result.rms_residual), f"{holding}without blur"),
         "typical residual": (
-            in_steps_of_8_bits(pictures.typical_residual),
+            in_steps_of_8_bits(result.typical_residual),
             apart if left_out else "where the picture depends on a parameter",
         ),
         "noise": (in_steps_of_8_bits(sure.sigma), f"standard deviation, {origin}"),
-        **({"reduced chi-square": chi_square} if sure.sigma_given else {}),
+        **(chi_square if sure.sigma_given else {}),
         "condition number": (number_text(sure.condition_number), "1 is best; of the scaled Jacobian"),
         "steps": (str(len(steps)), f"{starts} {'start' if starts == 1 else 'starts'}, {spent}"),
         "pixels": (f"{width} × {height}", "all count" if counted == width * height else f"{counted:,} count"),
@@ -108,20 +116,23 @@ def place_words(result: FitResult) -> str:
 AFTER = "seconds_after_the_last_step"
 """The command line adds to a result's provenance by this name the time in which the estimate was judged."""
 
-NUMBERS = ("value", "initial", "standard_error", "resolution", "systematic_error", "total_error", "cramer_rao", "unit")
+NUMBERS = ("value", "initial", "standard_error", "resolution", "systematic_error", "cramer_rao", "unit")
 """What `result.json` has of each parameter."""
 
 
 def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
     """Everything in a fit but its pictures, as plain values: what is infinite or not a number is None."""
     # Ending and numbers first, then what they rest on, at last what would make them again.
-    sure, pictures, given, check = result.uncertainty, result.pictures, result.given, result.check
+    sure, check, estimates = result.uncertainty, result.check, result.parameters
     summary: dict[str, Any] = {
         "status": result.status,
         "message": result.message,
         "advice": result.advice,
-        "parameters": {row.name: {key: getattr(row, key) for key in NUMBERS} for row in result.rows},
-        "at_bound": dict(result.ending.at_bound),
+        "parameters": {
+            name: {key: getattr(estimate, key) for key in NUMBERS} | {"total_error": estimate.error}
+            for name, estimate in estimates.items()
+        },
+        "at_bound": dict(result.at_bound),
         "rests_on": result.rests_on,
         "depends_on": {name: found._asdict() for name, found in result.depends_on.items()},
         "sensitivity": {a.name: dict(zip(result.names, a.sensitivity, strict=True)) for a in check.assumptions},
@@ -129,15 +140,15 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
         "causes": [cause._asdict() | {"words": cause.words} for cause in check.causes],
         "correlation": {"names": result.names, "matrix": sure.correlation},
         **{n: getattr(sure, n) for n in ("sigma", "sigma_given", "reduced_chi_square", "condition_number", "weakest")},
-        **{n: getattr(pictures, n) for n in ("rms_residual", "typical_residual", "left_out")},
-        "loss": given.loss,
-        "target_samples": given.target_samples,
-        "candidate": result.history.candidate,
-        "runner_ups": [dataclasses.asdict(minimum) for minimum in result.history.runner_ups],
+        **{n: getattr(result, n) for n in ("rms_residual", "typical_residual", "left_out")},
+        "loss": result.loss,
+        "target_samples": result.target_samples,
+        "candidate": result.candidate,
+        "runner_ups": [dataclasses.asdict(minimum) for minimum in result.runner_ups],
         "profiles": [dataclasses.asdict(profile) for profile in result.profiles],
-        "priors": [{"name": name, "mean": mean, "standard_deviation": spread} for name, mean, spread in given.priors],
-        "ties": [{"follower": follower, "leader": leader} for follower, leader in given.ties],
-        "history": [dataclasses.asdict(step) for step in result.history.steps],
+        "priors": [{"name": name, "mean": mean, "standard_deviation": spread} for name, mean, spread in result.priors],
+        "ties": [{"follower": follower, "leader": leader} for follower, leader in result.ties],
+        "history": [dataclasses.asdict(step) for step in result.steps],
         "settings": used_settings(result.settings),
         "provenance": provenance_of(result),
         "versions": versions(),
@@ -151,16 +162,16 @@ def provenance_of(result: FitResult) -> dict[str, Any]:
 
     The stages are up to the first step, each level, and judging, after the last step, if it was timed.
     """
-    labels, (height, width) = level_labels(result.history.steps), result.pictures.counts.shape
-    stages, before = {}, 0.0
-    for step in sorted(result.history.steps, key=lambda step: step.seconds):
-        stage = labels[step.level] if stages else "up to the first step"
-        stages[stage] = stages.get(stage, 0.0) + step.seconds - before
+    labels, (height, width) = level_labels(result.steps), result.counts.shape
+    stages, before = collections.defaultdict[str, float](float), 0.0
+    for step in sorted(result.steps, key=lambda step: step.seconds):
+        stages[labels[step.level] if stages else "up to the first step"] += step.seconds - before
         before = step.seconds
+    stages = {stage: round(seconds, 3) for stage, seconds in stages.items()}
     known: dict[str, Any] = dict(result.provenance)
-    after, stages = known.pop(AFTER, None), {stage: round(seconds, 3) for stage, seconds in stages.items()}
-    judging = {"judging": float(after)} if after else {}
-    return known | {"target_size": [width, height], "stages": stages | judging}
+    if after := known.pop(AFTER, None):
+        stages["judging"] = float(after)
+    return known | {"target_size": [width, height], "stages": stages}
 
 
 def used_settings(settings: ResolvedSettings) -> dict[str, object]:
@@ -176,6 +187,26 @@ def versions() -> dict[str, str]:
     return {"raytrace_jax": __version__, **libraries, "python": platform.python_version()}
 
 
+REST = (FILE, "fit.exr", "residual.exr", "estimates.csv", "estimates.tex", "methods.txt")
+REST += ("report.png", "report.pdf", "report.html")
+"""All files of a report but the numbers, which are small and come first."""
+
+
+def write_numbers(result: FitResult, folder: str | os.PathLike[str], comments: str = "") -> str:
+    """Write `result.json`, whose text is returned, and `fit.txt`, and take away pictures of an earlier fit.
+
+    `comments` is the text of a scene's file whose comments are kept.
+    """
+    folder = as_path(folder)
+    for name in REST:
+        with contextlib.suppress(OSError):  # One that cannot be removed cannot be replaced, which is told then.
+            (folder / name).unlink()
+    scene_text = save_scene(result.scene, folder / SCENE_FILE, model=result.settings.model, comments=comments)
+    text = json_text(summarize(result, scene_text))
+    write_text(folder / "result.json", text)
+    return text
+
+
 _TEX = str.maketrans(
     {sign: f"\\{sign}" for sign in "&%$#_{}"}
     | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
@@ -189,9 +220,10 @@ def csv_table(result: FitResult, long: bool = False) -> str:
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    numbers = ("value", "standard_error", "systematic_error", "total_error")
-    writer.writerow(["parameter", "estimate", *numbers, "unit"])
-    writer.writerows([r.name, r.text(long), *(repr(getattr(r, key)) for key in numbers), r.unit] for r in result.rows)
+    writer.writerow(["parameter", "estimate", "value", "standard_error", "systematic_error", "total_error", "unit"])
+    for row in result.parameters.values():
+        numbers = row.value, row.standard_error, row.systematic_error, row.error
+        writer.writerow([row.name, row.text(long), *map(repr, numbers), row.unit])
     return text.getvalue()
 
 
@@ -205,9 +237,9 @@ def tex_table(result: FitResult, long: bool = False) -> str:
         r"Parameter & Estimate & Standard error & Total error & Unit \\",
         r"\midrule",
     ]
-    for row in result.rows:
+    for row in result.parameters.values():
         label, unit = (text.translate(_TEX) for text in (row.label, row.unit))
-        errors = (value_and_error(0.0, error)[1] for error in (row.standard_error, row.total_error))
+        errors = (value_and_error(0.0, error)[1] for error in (row.standard_error, row.error))
         numbers = " & ".join(map(_number, (row.text(long), *errors)))
         lines.append(rf"\texttt{{{label}}} & {numbers} & {unit} \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])

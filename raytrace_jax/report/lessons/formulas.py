@@ -1,6 +1,6 @@
 """Lessons on refraction: formulas and their derivatives as curves."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -45,36 +45,45 @@ def derivative(function: Callable, x: np.ndarray) -> np.ndarray:
     return np.asarray(jax.jit(lambda x: jax.jvp(function, (x,), (jnp.ones_like(x),))[1])(x))
 
 
+def draw_by_index(axes: Sequence[Axes], x: np.ndarray, function: Callable, n: np.ndarray, *style: str, **looks) -> None:
+    """Draw a function of the index `n` against `x` in one of two panels, its derivative by the index in the other."""
+    value, slope = axes
+    value.plot(x, np.asarray(function(n)), *style, **looks)
+    slope.plot(x, derivative(function, n), *style, **looks)
+
+
 def draw_snell() -> Figure:
     """Four panels: angle and derivative, against the angle of incidence and against the index."""
-    figure, (angle, by_angle, index, by_index) = make_figure("Snell's law and its gradient", 2, 2, (11, 8))
+    figure, axes = make_figure("Snell's law and its gradient", 2, 2, (11, 8))
 
-    def draw(axes: tuple[Axes, Axes], x: np.ndarray, theta_i, n, name: str, color: str, power: int = 1) -> None:
+    def draw(axes: Sequence[Axes], x: np.ndarray, theta_i, n, name: str, color: str, power: int = 1) -> None:
         # The angle of refraction into glass, or out of it (-1), and its derivative; a dot for 25 points of a line.
-        value, slope = axes
-        style, n = "-" if power == 1 else "--", np.broadcast_to(n, x.shape)
-        theta_t = np.asarray(snell_angle(theta_i, n**power))
-        value.plot(x, np.degrees(theta_t), style, color=color, label=name)
-        change = derivative(lambda n: snell_angle(theta_i, n**power), n)
-        slope.plot(x, np.degrees(change), style, color=color, label=name)
-        slope.plot(x[::25], np.degrees(-power * np.tan(theta_t) / n)[::25], ".", color=color, markersize=6)
+        def refracted(n):
+            return jnp.degrees(snell_angle(theta_i, n**power))
+
+        n = np.broadcast_to(n, x.shape)
+        draw_by_index(axes, x, refracted, n, "-" if power == 1 else "--", color=color, label=name)
+        closed = np.degrees(-power * np.tan(np.radians(refracted(n))) / n)
+        axes[1].plot(x[::25], closed[::25], ".", color=color, markersize=6)
 
     degrees = np.linspace(0, 89.9, 400)
     for n, color in zip((1.1, 1.333, 1.5, 2.0), COLOURS, strict=True):
-        draw((angle, by_angle), degrees, np.radians(degrees), n, f"n = {n:g}", color)
+        draw(axes[:2], degrees, np.radians(degrees), n, f"n = {n:g}", color)
     inside = np.linspace(0, np.degrees(critical_angle(1 / 1.5)) - 1e-3, 400)
-    draw((angle, by_angle), inside, np.radians(inside), 1.5, "out of n = 1.5", RED, -1)
+    draw(axes[:2], inside, np.radians(inside), 1.5, "out of n = 1.5", RED, -1)
     indices = np.linspace(1.0, 2.5, 301)
     for theta_i, color in zip((20.0, 45.0, 70.0, 85.0), COLOURS, strict=True):
-        draw((index, by_index), indices, np.radians(theta_i), indices, f"{theta_i:g}°", color)
-    by_angle.set_ylim(-50, 120)
-    by_index.set_ylim(-150, 5)
-    incidence, change = "angle of incidence [degrees]", r"d$\theta_t$/dn [degrees per unit of index]"
-    ways, refraction = {"title": "into glass, and out of it"}, "angle of refraction [degrees]"
-    finish(angle, "refraction against incidence", incidence, refraction, **ways)
-    finish(by_angle, "its derivative by the index", incidence, change, **ways)
-    finish(index, "refraction against the index", "index of refraction n", refraction, title="angle of incidence")
-    finish(by_index, "its derivative by the index", "index of refraction n", change, title="angle of incidence")
+        draw(axes[2:], indices, np.radians(theta_i), indices, f"{theta_i:g}°", color)
+    axes[1].set_ylim(-50, 120)
+    axes[3].set_ylim(-150, 5)
+    refraction, change = "angle of refraction [degrees]", r"d$\theta_t$/dn [degrees per unit of index]"
+    rows = (
+        ("refraction against incidence", "angle of incidence [degrees]", "into glass, and out of it"),
+        ("refraction against the index", "index of refraction n", "angle of incidence"),
+    )
+    for k, (heading, x, title) in enumerate(rows):
+        finish(axes[2 * k], heading, x, refraction, title=title)
+        finish(axes[2 * k + 1], "its derivative by the index", x, change, title=title)
     return figure
 
 
@@ -84,28 +93,26 @@ def draw_fresnel() -> Figure:
     critical = float(np.degrees(critical_angle(1 / INDEX)))
     ways = (("into the glass", np.linspace(0, 90, 501), 1), ("out of the glass", np.linspace(0, 60, 2001), -1))
     for row, (where, degrees, power) in enumerate(ways):
-        value, slope = axes[2 * row : 2 * row + 2]
+        value, slope = pair = axes[2 * row : 2 * row + 2]
         theta, n = np.radians(degrees), np.full_like(degrees, INDEX)
-        eta = INDEX**power
 
-        def fresnel(theta, n, power=power):
+        def fresnel(n, theta=theta, power=power):
             return optics.fresnel_dielectric(jnp.cos(theta), n**power)
 
-        def schlick(theta, n, power=power):
+        def schlick(n, theta=theta, power=power):
             # Out of the glass of the transmitted angle, whose cosine is about 0 where there is total reflection.
             return optics.fresnel_schlick(jnp.cos(theta if power == 1 else snell_angle(theta, n**power)), n)
 
-        parallel, perpendicular = optics.fresnel_amplitudes(np.cos(theta), eta)
+        parallel, perpendicular = optics.fresnel_amplitudes(np.cos(theta), INDEX**power)
         value.plot(degrees, np.asarray(perpendicular) ** 2, "--", color=GREY, linewidth=1, label="perpendicular")
         value.plot(degrees, np.asarray(parallel) ** 2, ":", color=GREY, linewidth=1.3, label="parallel")
-        for function, color, name in ((fresnel, BLUE, "Fresnel, unpolarised"), (schlick, RED, "Schlick")):
-            value.plot(degrees, np.asarray(function(theta, n)), color=color, label=name)
-            slope.plot(degrees, derivative(lambda n, f=function, t=theta: f(t, n), n), color=color, label=name)
+        draw_by_index(pair, degrees, fresnel, n, color=BLUE, label="Fresnel, unpolarised")
+        draw_by_index(pair, degrees, schlick, n, color=RED, label="Schlick")
         finish(value, f"reflectance {where}", "angle of incidence [degrees]", "reflected share of the light")
         finish(slope, f"its derivative, {where}", "angle of incidence [degrees]", "dR/dn [per unit of index]")
         if row == 1:
             slope.set_ylim(-0.2, 6)
-            for ax in (value, slope):
+            for ax in pair:
                 ax.set_xlim(15, 55)
                 ax.axvline(critical, color="0.6", linewidth=0.8)
                 ax.axvspan(critical, 60, color="0.94", zorder=0)
@@ -123,21 +130,20 @@ def draw_critical() -> Figure:
     n = np.linspace(1.0, 2.6, 801)[1:]
 
     def inside(n):
-        return critical_angle(1 / n)
+        return jnp.degrees(critical_angle(1 / n))
 
-    angle.plot(n, np.degrees(inside(n)), color=BLUE, label=r"$\theta_c$ = arcsin(1/n)")
-    angle.fill_between(n, np.degrees(inside(n)), 90, color="0.93", label="total internal reflection")
-    slope.plot(n, np.degrees(derivative(inside, n)), color=RED, label="automatic derivative")
+    angle.plot(n, inside(n), color=BLUE, label=r"$\theta_c$ = arcsin(1/n)")
+    angle.fill_between(n, inside(n), 90, color="0.93", label="total internal reflection")
+    slope.plot(n, derivative(inside, n), color=RED, label="automatic derivative")
     closed = np.degrees(-1 / (n * np.sqrt(n * n - 1)))
     slope.plot(n[15::40], closed[15::40], ".", color="black", label="−1 / (n √(n² − 1))")
     for name, index in MEDIA.items():
-        theta = float(np.degrees(inside(index)))
-        angle.plot(index, theta, "o", color=BLUE, markersize=5)
-        angle.annotate(f"{name} {theta:.1f}°", (index, theta), xytext=(6, 5), textcoords="offset points", fontsize=9)
-        change = float(np.degrees(jax.grad(inside)(index)))
-        slope.annotate(f"{name} {change:.0f}".replace("-", "−"), (index, change), xytext=(4, -14),
-                       textcoords="offset points", fontsize=9)  # fmt: skip
-        slope.plot(index, change, "o", color=RED, markersize=5)
+        theta, change = float(inside(index)), float(jax.grad(inside)(index))
+        marks = ((angle, theta, BLUE, f"{theta:.1f}°", (6, 5)), (slope, change, RED, f"{change:.0f}", (4, -14)))
+        for ax, y, color, words, beside in marks:
+            ax.plot(index, y, "o", color=color, markersize=5)
+            words = f"{name} {words}".replace("-", "−")
+            ax.annotate(words, (index, y), xytext=beside, textcoords="offset points", fontsize=9)
     angle.set_ylim(0, 90)
     slope.set_ylim(-250, 0)
     for ax in (angle, slope):
@@ -157,17 +163,20 @@ def draw_ball() -> Figure:
     theta = np.arcsin(distance)
     for k, name in enumerate(("straight through", "one reflection inside", "two reflections inside")):
         color = COLOURS[k]
-        turn.plot(distance, np.degrees(sphere_deviation(theta, water, k)), color=color, label=name)
-        change = derivative(lambda n, k=k: sphere_deviation(theta, n, k), np.full_like(theta, water))
-        slope.plot(distance, np.degrees(change), color=color, label=name)
+
+        def deviation(n, theta=theta, k=k):
+            return jnp.degrees(sphere_deviation(theta, n, k))
+
+        draw_by_index((turn, slope), distance, deviation, np.full_like(theta, water), color=color, label=name)
         closed = 2 * (k + 1) * np.tan(np.arcsin(distance / water)) / water
         slope.plot(distance[::40], np.degrees(closed)[::40], ".", color=color)
         if k:
-            at = optics.rainbow_incidence(water, k)
-            degrees = float(np.degrees(sphere_deviation(at, water, k)))
-            turn.plot(np.sin(at), degrees, "o", color=color)
-            place, words = (float(np.sin(at)), degrees), f"rainbow: least, {degrees:.1f}°"
-            turn.annotate(words, place, xytext=(-6, -14), textcoords="offset points", ha="right", fontsize=9)
+            incidence = optics.rainbow_incidence(water, k)
+            degrees = float(deviation(water, np.asarray(incidence)))
+            least = float(np.sin(incidence)), degrees
+            turn.plot(*least, "o", color=color)
+            words = f"rainbow: least, {degrees:.1f}°"
+            turn.annotate(words, least, xytext=(-6, -14), textcoords="offset points", ha="right", fontsize=9)
     turn.set_ylim(0, 370)
     title, distance_words = f"deviation by a drop of water, n = {water:g}", "distance from the axis [radii]"
     finish(turn, title, distance_words, "deviation [degrees]", loc="upper right")
@@ -181,11 +190,11 @@ def _draw_rays(ax: Axes) -> None:
     ax.add_patch(Circle((0, 0), 1, facecolor="#dcecfb", edgecolor="0.4"))
     heights = np.linspace(-0.9, 0.9, 13)
     n = jnp.asarray(np.stack([-np.sqrt(1 - heights**2), heights, 0 * heights]))
-    d = jnp.zeros_like(n).at[0].set(1)
-    within, _, _ = optics.refract(d, n, jnp.full_like(n[0], INDEX))
+    d, index = jnp.zeros_like(n).at[0].set(1), jnp.full_like(n[0], INDEX)
+    within, _, _ = optics.refract(d, n, index)
     end = n - 2 * jnp.sum(n * within, axis=0) * within
-    beyond, _, _ = optics.refract(within, end, jnp.full_like(n[0], 1 / INDEX))
-    path = np.stack([jnp.stack([jnp.full_like(n[0], -1.9), n[1], n[2]]), n, end, end + 4 * beyond])[:, :2]
+    beyond, _, _ = optics.refract(within, end, 1 / index)
+    path = np.stack([n.at[0].set(-1.9), n, end, end + 4 * beyond])[:, :2]
     lines = ax.plot(path[:, 0], path[:, 1], color=BLUE, linewidth=0.9)
     lines[0].set_label("rays")
     effective, back = (float(length) for length in optics.lens_focal_length(1.0, INDEX))
@@ -235,10 +244,10 @@ def draw_total_reflection() -> Figure:
             bad = degrees[~np.isfinite(curve)]
             if bad.size:
                 ax.axvspan(bad.min(), bad.max(), facecolor="#fbe3dc", edgecolor=RED, hatch="//", linewidth=0)
-                words = {"color": RED, "fontsize": 20, "fontweight": "bold", "ha": "center"}
+                words = {"color": RED, "fontsize": 20, "fontweight": "bold"}
                 box = {"facecolor": "white", "edgecolor": "none"}
                 place = (bad.min() + bad.max()) / 2, 0.55
-                ax.text(*place, "NaN", transform=ax.get_xaxis_transform(), bbox=box, **words)
+                ax.text(*place, "NaN", transform=ax.get_xaxis_transform(), ha="center", bbox=box, **words)
             ax.set_ylim(*limits)
             ax.axvline(critical, color="0.6", linewidth=0.8, label=f"critical angle, {critical:.1f}°")
             title = f"{name}\n{formula}" if row == 0 else ""

@@ -11,8 +11,7 @@ from ...images.filters import gaussian_blur
 from ...scene.parameters import set_parameters
 from ...scene.reader import parse_scene
 from ...scene.scene import Scene
-from ...tracer.derivatives import picture_derivatives
-from ...tracer.rendering import render
+from ...tracer.rendering import picture_derivatives, render
 from ...tracer.settings import RenderSettings
 from .. import LessonName
 from ..differences import correlation, finite_differences, relative_error
@@ -105,4 +104,4 @@ LESSONS: dict[LessonName, Callable[[], Figure]] = {
 
 def index_page(names: Iterable[str]) -> str:
     """A Markdown page with a heading, the figure `NAME.png` and a paragraph for each of some lessons."""
-    return page_template("raytrace_jax.report.lessons", "index.md.jinja").render(names=set(names))
+    return page_template("report/lessons/index.md.jinja").render(names=set(names))

@@ -15,8 +15,8 @@ from jaxtyping import Array, Float
 from ...scene.lens import undistorted_factor
 from ...scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
 from ...util.numerics import dot, normalize, per_ray
-from ..resolved_settings import ResolvedSettings
-from .rays import NO_SHAPE, Beam, Footprint, Number, Rays, Scalars, Vectors
+from ..settings import ResolvedSettings
+from .rays import NO_SHAPE, Footprint, Number, Rays, Scalars, Step, Vectors
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
@@ -93,7 +93,7 @@ def picture_place(
     return u, v
 
 
-def pixel_step(camera: Camera, settings: ResolvedSettings) -> Float[np.ndarray, "2"]:
+def pixel_step(camera: Camera, settings: ResolvedSettings) -> Step:
     """The step of `u` from one pixel to the next to the right, and of `v` to the next down, where it is negative."""
     (left, right), (above, below) = picture_place(camera, settings, np.arange(2.0), np.arange(2.0))
     return np.array([right - left, below - above])
@@ -106,7 +106,7 @@ def rays_through(camera: Camera, settings: ResolvedSettings, u: Scalars, v: Scal
         settings: with `edges="aware"` each ray stands for the pixel around its point, or for one of its samples' part.
         step: how far `u` is from one pixel to the next to the right, and `v` to the next down.
     """
-    through, beam = functools.partial(ray, camera), None
+    through, footprint = functools.partial(ray, camera), None
     if settings.edges != "aware":
         o, direction = through(u, v)
         d = normalize(direction)
@@ -117,9 +117,8 @@ def rays_through(camera: Camera, settings: ResolvedSettings, u: Scalars, v: Scal
         d, (origins, turns) = normalize(direction), jax.tree.map(lambda x: x / settings.samples, axes)
         toward = turns / jnp.sqrt(dot(direction, direction))
         spread = toward - jnp.sum(toward * d, 1)[:, None] * d
-        footprint = jax.lax.stop_gradient(Footprint(origins, spread))
-        none = jnp.zeros(u.shape, jnp.int32)
-        beam = Beam(footprint, jnp.full((2, *u.shape), NO_SHAPE, jnp.int32), none, none)
+        none, passed = jnp.zeros(u.shape, jnp.int32), jnp.full((2, *u.shape), NO_SHAPE, jnp.int32)
+        footprint = Footprint(*jax.lax.stop_gradient((origins, spread)), passed, none, none)
     nowhere, outside = jnp.full(u.shape, NO_SHAPE, jnp.int32), jnp.zeros(u.shape, bool)
     throughput = jnp.ones_like(u) if settings.has_throughput else None
-    return Rays(o, d, jnp.zeros_like(u), nowhere, outside, beam, throughput)
+    return Rays(o, d, jnp.zeros_like(u), nowhere, outside, footprint, throughput)

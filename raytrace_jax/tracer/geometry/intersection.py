@@ -3,17 +3,16 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from ...scene.scene import least_distance
 from ...util.numerics import materialize
-from ..resolved_settings import ResolvedSettings
-from .rays import NO_SHAPE, Flags, Integers, Number, Rays, Scalars, Vectors, take
+from ..settings import ResolvedSettings
+from .rays import NO_SHAPE, Flags, Integers, NodeVectors, Number, Rays, Scalars, Vectors, take
 from .shape_types import fold_shapes
 from .shapes import Shapes, ShapeType, hit_distance, surface_normal
 
 
-class Hits(eqx.Module):
+class SurfaceInteraction(eqx.Module):
     """The ends of rays on surfaces. Where `valid` is False the other fields are finite and have no meaning."""
 
     valid: Flags  # The ray hits something, and its path is not longer than `ResolvedSettings.path_limit`.
@@ -31,9 +30,9 @@ class Nodes(eqx.Module):
     the CPU.
     """
 
-    p: Float[Array, "3 *nodes rays"]
-    n: Float[Array, "3 *nodes rays"]
-    d: Float[Array, "3 *nodes rays"]  # Directions of the rays to them, of length one.
+    p: NodeVectors
+    n: NodeVectors
+    d: NodeVectors  # Directions of the rays to them, of length one.
     # The width of what is uniform and varies as much as the squared cosine of incidence; constant, and None of hits.
     spread: Scalars | None = None
 
@@ -47,19 +46,19 @@ def ends_in_time(path_length: Scalars, settings: ResolvedSettings) -> Flags:
     return path_length <= settings.path_limit if settings.has_path_limit else jnp.isfinite(path_length)
 
 
-def intersect(shapes: Shapes, rays: Rays, live: Flags, unit: Number, settings: ResolvedSettings) -> Hits:
+def intersect(shapes: Shapes, rays: Rays, live: Flags, unit: Number) -> SurfaceInteraction:
     """The nearest hit of each ray, differentiable with respect to rays and shapes.
 
     Rays that are not live may hold anything finite.
     """
     if not shapes.types:
         nothing = jnp.zeros_like(rays.path_length)
-        return Hits(nothing > 0, nothing, rays.o, rays.d, rays.origin_shape * 0, nothing)
+        return SurfaceInteraction(nothing > 0, nothing, rays.o, rays.d, rays.origin_shape * 0, nothing)
 
     # Search without derivatives, then differentiate the winner alone.
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
-    t, index = materialize(find_nearest(fixed_shapes, fixed_rays, live, unit, settings), live)
-    valid = live & ends_in_time(fixed_rays.path_length + t, settings)
+    t, index = materialize(find_nearest(fixed_shapes, fixed_rays, live, unit), live)
+    valid = live & ends_in_time(fixed_rays.path_length + t, shapes.settings)
     index = jnp.maximum(index, 0)
     hit_shape = take(shapes, index)
     # What is not a hit is one at distance 1 with a short normal, which no power of it can blow up.
@@ -69,34 +68,28 @@ def intersect(shapes: Shapes, rays: Rays, live: Flags, unit: Number, settings: R
     operands = jnp.where(valid, t, 1), rays.o, rays.d, hit_shape
     t = jax.lax.cond(jnp.any(live), hit_distance, lambda t, *_: t, *operands)
     p = rays.o + t * rays.d
-    return materialize(Hits(valid, t, p, surface_normal(p, hit_shape), index, rays.path_length + t), live)
+    return materialize(SurfaceInteraction(valid, t, p, surface_normal(p, hit_shape), index, rays.path_length + t), live)
 
 
-def find_nearest(
-    shapes: Shapes, rays: Rays, live: Flags, unit: Number, settings: ResolvedSettings
-) -> tuple[Scalars, Integers]:
+def find_nearest(shapes: Shapes, rays: Rays, live: Flags, unit: Number) -> tuple[Scalars, Integers]:
     """Distance and index of the nearest shape along each ray; infinity and `NO_SHAPE` where there is none.
 
     Nothing here is differentiable: `hit_distance` adds the derivative for the one shape that was found.
     """
     least = least_distance(unit)
 
-    def ask(shape_type: ShapeType, index):
-        shape = jax.tree.map(lambda values: values[..., index], shapes)
-        t, hits = shape_type.hit(rays, shape, rays.origin_shape == index, least, settings)
-        return t, hits if shape.hidden is None else hits & ~shape.hidden, index
+    def ask(shape_type: ShapeType, shape: Shapes, index):
+        t, hits = shape_type.hit(rays, shape, rays.origin_shape == index, least)
+        return jnp.where(hits & shape.is_met, t, jnp.inf), jnp.asarray(index, jnp.int32)
 
-    def settle(found):
-        if not isinstance(found, list):
-            return found
-        stored = materialize([jnp.where(hits, t, jnp.inf) for t, hits, _ in found], live)
-        return [(t, t < jnp.inf, index) for t, (_, _, index) in zip(stored, found, strict=True)]
+    def stored(found):
+        return materialize(found, live) if isinstance(found, list) else found
 
     def nearer(best, found):
-        (best_t, best_index), (t, hits, index) = best, found
+        (best_t, best_index), (t, index) = best, found
         # On a tie the first shape of the file wins; in a loop one type comes after the other.
-        closer = hits & ((t < best_t) | ((t == best_t) & (index < best_index)))
+        closer = (t < best_t) | ((t == best_t) & (index < best_index))
         return jnp.where(closer, t, best_t), jnp.where(closer, index, best_index)
 
     nothing = jnp.full(rays.path_length.shape, jnp.inf, rays.o.dtype), jnp.full_like(rays.origin_shape, NO_SHAPE)
-    return fold_shapes(shapes.types, ask, nearer, nothing, settle)
+    return fold_shapes(shapes, ask, nearer, nothing, stored)

@@ -10,10 +10,9 @@ from jaxtyping import Array, Float
 
 from ...scene.scene import Planes
 from ...util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
-from ..resolved_settings import ResolvedSettings
 from . import shapes
 from .rays import Axes, Flags, Number, Pairs, Rays, Scalars, Vector, Vectors
-from .shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
+from .shapes import Approach, CuttingPlane, Edge, Hit, Section, Shapes, ShapeType
 
 LEVEL = 1e-6  # A plane whose normal leans less than this from the y axis is level: its texture lies along x.
 
@@ -27,16 +26,16 @@ def coefficients(planes: Planes) -> dict[str, Array]:
     return {"position": planes.point, "normal": normal, "curvature": zeros, "radius": zeros}
 
 
-def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> tuple[Array, Array]:
+def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> Hit:
     cos = dot_fixed(shape.normal, rays.d)
     height = dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o)
     t = height / away_from_zero(cos, shapes.LEAST_COS)
     return t, (jnp.abs(cos) >= shapes.LEAST_COS) & (t > 0) & (t > least) & ~own
 
 
-def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
+def hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> Hit:
     t, hits = flat_hit(rays, shape, own, least)
-    if settings.rules.planes_end_at_image_plane:
+    if shape.settings.rules.planes_end_at_image_plane:
         hits = hits & (rays.o[2] + t * rays.d[2] <= 0)
     return t, hits
 
@@ -45,21 +44,16 @@ def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
     return -dot(shape.normal, rays.o - shape.position) / away_from_zero(dot(shape.normal, rays.d), shapes.LEAST_COS)
 
 
-def edges(
-    rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
-) -> tuple[Edge, ...]:
+def edges(rays: Rays, shape: Shapes, outside: Flags, t: Scalars, near: Approach) -> tuple[Edge, ...]:
     """The edge where the course's planes end: they are not seen in front of the image plane, z > 0."""
-    if not settings.rules.planes_end_at_image_plane:
+    if not shape.settings.rules.planes_end_at_image_plane:
         return ()
-    footprint = rays.beam.footprint
     fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
-    slope = -(footprint.o[:, 2] + fixed * footprint.d[:, 2] + near.slope * d_z)
-    return (Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.fraction),)
+    slope = -(rays.footprint.o[:, 2] + fixed * rays.footprint.d[:, 2] + near.slope * d_z)
+    return (Edge(-(rays.o[2] + t * rays.d[2]), slope, near.fraction),)
 
 
-def see_flat(
-    edges: Callable, rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Number, settings: ResolvedSettings
-) -> shapes.Sighting:
+def see_flat(edges: Callable, rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Number) -> shapes.Sighting:
     """The meeting of each footprint with one flat shape that has these edges.
 
     Where its centre just misses, a part of it still may meet the shape.
@@ -68,14 +62,12 @@ def see_flat(
     ahead = (jnp.abs(dot(shape.normal, rays.d)) >= shapes.LEAST_COS) & (t > least) & ~own
     t_ahead = jnp.where(ahead, t, 0)
     centered, within = jnp.ones_like(own), may_pass
-    for edge in edges(rays, shape, own, own, t_ahead, shapes.approach(rays, shape, t_ahead), settings):
+    for edge in edges(rays, shape, own, t_ahead, shapes.approach(rays, shape, t_ahead)):
         centered, within = centered & (edge.value >= 0), within & shapes.is_within(edge)
     return shapes.Sighting(t, (centered | within) & ahead, jnp.zeros_like(own), centered)
 
 
-def flat_clearance(
-    beyond: Callable, o: Vectors, light: Vector, shape: Shapes, unit: Number, settings: ResolvedSettings
-) -> Scalars:
+def flat_clearance(beyond: Callable, o: Vectors, light: Vector, shape: Shapes, unit: Number) -> Scalars:
     """The height of `o` on the light's side of a flat surface; from behind, how far outside of it the way crosses it.
 
     Args:
@@ -87,13 +79,13 @@ def flat_clearance(
     same_side = height * jnp.where(light_height < 0, -1, 1)
     # A way to a light that nears a surface by less than 1e-9 units of length crosses it nowhere worth knowing.
     fraction = height / away_from_zero(height - light_height, 1e-9 * unit)
-    outside = beyond(o + jnp.clip(fraction, 0, 1) * vectors_to(light, o), shape, settings)
+    outside = beyond(o + jnp.clip(fraction, 0, 1) * vectors_to(light, o), shape)
     return same_side if outside is None else jnp.where(same_side > 0, same_side, jnp.maximum(same_side, outside))
 
 
-def before_image_plane(p: Vectors, shape: Shapes, settings: ResolvedSettings) -> Scalars | None:
+def before_image_plane(p: Vectors, shape: Shapes) -> Scalars | None:
     """The z of points, as the course's planes end at z = 0: a way to a light that crosses in front of it is free."""
-    return p[2] if settings.rules.planes_end_at_image_plane else None
+    return p[2] if shape.settings.rules.planes_end_at_image_plane else None
 
 
 def flat_section(
@@ -122,8 +114,8 @@ def flat_section(
     return foot + np.linspace(low, high, 2001)[:, None] * along if low < high else shapes.NO_POINTS
 
 
-def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
-    ends = [(np.array([0.0, 0.0, 1.0]), 0.0)] if settings.rules.planes_end_at_image_plane else []
+def section(shape: Shapes, drawing: CuttingPlane, reach: float) -> Section:
+    ends = [(np.array([0.0, 0.0, 1.0]), 0.0)] if shape.settings.rules.planes_end_at_image_plane else []
     line = flat_section(np.asarray(shape.position), np.asarray(shape.normal), drawing, reach, ends)
     return Section(line, False, shapes.NO_POINTS)
 

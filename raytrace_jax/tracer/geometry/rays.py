@@ -5,9 +5,11 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
 Number = Float[Array, ""]
+Count = Int[Array, ""]
 Vector = Float[Array, "3"]
 
 Scalars = Float[Array, " *rays"]
@@ -18,7 +20,15 @@ Integers = Int[Array, " *rays"]
 
 Pairs = Float[Array, "2 *rays"]
 Axes = Float[Array, "2 3 *rays"]
-"""Two numbers for each ray, and the derivatives of a vector along a footprint's two axes."""
+PairAxes = Float[Array, "2 2 *rays"]
+"""Two numbers for each ray, and the derivatives of a vector, or of two numbers, along a footprint's two axes."""
+
+NodeScalars = Float[Array, "*nodes rays"]
+NodeVectors = Float[Array, "3 *nodes rays"]
+"""A number and a vector for each node of each footprint (`intersection.Nodes`)."""
+
+Step = Float[np.ndarray, "2"]
+"""How far it is from one pixel of a picture to the next: to the right in `u`, and down in `v`."""
 
 NO_SHAPE = -1
 """The shape index of a ray that starts in free space, and of one that hits nothing."""
@@ -27,17 +37,12 @@ NO_SHAPE = -1
 class Footprint(eqx.Module):
     """The change of a ray across the part of a pixel that it stands for: a parallelogram, the image of a unit square.
 
-    `o` and `d` are derivatives of origin and direction by the square's two coordinates, which run from -1/2 to 1/2.
+    `o` and `d` are derivatives of origin and direction by the square's two coordinates, which run from -1/2 to 1/2: the
+    ray's differential (Igehy 1999). The other fields say how the ray came here.
     """
 
     o: Axes
     d: Axes
-
-
-class Beam(eqx.Module):
-    """The part of a ray that it carries besides when it stands for an area and may pass the edge of a shape."""
-
-    footprint: Footprint
     passed: Int[Array, "2 *rays"]  # The last two shapes that it passed since its origin, or `NO_SHAPE`; ignored.
     depth: Integers  # How often the path has bounced.
     subdivisions: Integers  # How often its footprint has been cut into smaller ones.
@@ -51,7 +56,7 @@ class Rays(eqx.Module):
     path_length: Scalars  # Length of the path from the viewpoint to the origin, world units.
     origin_shape: Integers  # Index of the shape on which the ray starts, or `NO_SHAPE`.
     inside: Flags  # Whether the ray leaves that shape's surface towards the side that its normal points away from.
-    beam: Any = None  # A `Beam` for tracing that is aware of edges, else None.
+    footprint: Any = None  # A `Footprint` for tracing that is aware of edges, else None.
     throughput: Any = None  # How much each ray's colour counts in its camera ray's, constant; None where nothing asks.
 
 
@@ -72,20 +77,20 @@ def packed(rays: Rays, number: Integers) -> PackedRays:
     fixed, counts = moving[:0], [rays.origin_shape, rays.inside.astype(jnp.int32)]
     if rays.throughput is not None:
         fixed = rays.throughput[None]
-    if rays.beam is not None:
-        fixed = jnp.concatenate([*rays.beam.footprint.o, *rays.beam.footprint.d, fixed])
-        counts += [*rays.beam.passed, rays.beam.depth, rays.beam.subdivisions]
+    if rays.footprint is not None:
+        fixed = jnp.concatenate([*rays.footprint.o, *rays.footprint.d, fixed])
+        counts += [*rays.footprint.passed, rays.footprint.depth, rays.footprint.subdivisions]
     return PackedRays(moving, jax.lax.stop_gradient(fixed), jnp.stack([*counts, number]))
 
 
 def unpacked(rays: PackedRays) -> Rays:
     moving, fixed, counts = rays
     o, d, path_length = moving[:3], moving[3:6], moving[6]
-    beam = None
+    footprint = None
     if len(counts) > 3:
         axes = fixed[:12].reshape(2, 2, 3, *path_length.shape)
-        beam = Beam(Footprint(*axes), counts[2:4], counts[4], counts[5])
-    return Rays(o, d, path_length, counts[0], counts[1] == 1, beam, fixed[-1] if len(fixed) else None)
+        footprint = Footprint(axes[0], axes[1], counts[2:4], counts[4], counts[5])
+    return Rays(o, d, path_length, counts[0], counts[1] == 1, footprint, fixed[-1] if len(fixed) else None)
 
 
 UNROLL = 12

@@ -9,11 +9,10 @@ from jaxtyping import Array, Float
 
 from ...scene.scene import Rectangles
 from ...util.numerics import dot, normalize
-from ..resolved_settings import ResolvedSettings
 from . import shapes
 from .plane import distance, flat_clearance, flat_hit, flat_section, see_flat
 from .rays import Axes, Flags, Number, Pairs, Rays, Scalars, Vectors
-from .shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
+from .shapes import Approach, CuttingPlane, Edge, Hit, Section, Shapes, ShapeType
 
 
 def coefficients(rectangles: Rectangles) -> dict[str, Array]:
@@ -45,37 +44,34 @@ def within_borders(p: Vectors, shape: Shapes) -> list[Scalars]:
     ]
 
 
-def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
+def hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> Hit:
     t, hits = flat_hit(rays, shape, own, least)
     along_right, along_up = within_borders(rays.o + jnp.where(hits, t, 0) * rays.d, shape)
     return t, hits & (along_right >= 0) & (along_up >= 0)
 
 
-def edges(
-    rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
-) -> tuple[Edge, ...]:
-    footprint = rays.beam.footprint
+def edges(rays: Rays, shape: Shapes, outside: Flags, t: Scalars, near: Approach) -> tuple[Edge, ...]:
     p = rays.o + t * rays.d
     fixed_p, fixed_t, d, fixed = jax.lax.stop_gradient((p, t, rays.d, shape))
     assert fixed.axes is not None
     found = []
     for value, side, axis in zip(within_borders(p, shape), unit_sides(fixed.axes), fixed.axes, strict=True):
         outward = jnp.where(dot(fixed_p - fixed.position, side) < 0, -1, 1)
-        moves = footprint.o + fixed_t * footprint.d + near.slope[:, None] * d
+        moves = rays.footprint.o + fixed_t * rays.footprint.d + near.slope[:, None] * d
         slope = -outward * jnp.sum(moves * side, 1)
         # A rectangle narrower than the footprint has both borders of a pair in it: they fade, as a small sphere's do.
         fraction = jnp.minimum(near.fraction, shapes.fraction_of_radius(slope, dot(side, axis)))
-        found.append(Edge(jnp.ones_like(t, bool), value, slope, fraction))
+        found.append(Edge(value, slope, fraction))
     return tuple(found)
 
 
-def outside_borders(p: Vectors, shape: Shapes, settings: ResolvedSettings) -> Scalars:
+def outside_borders(p: Vectors, shape: Shapes) -> Scalars:
     """How far points are outside of one rectangle, negative inside."""
     along_right, along_up = within_borders(p, shape)
     return jnp.maximum(-along_right, -along_up)
 
 
-def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
+def section(shape: Shapes, drawing: CuttingPlane, reach: float) -> Section:
     center, (right, up) = np.asarray(shape.position, np.float64), np.asarray(shape.axes, np.float64)
     corners = [center + u * right + v * up for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
     outline = np.array([drawing.project(corner) for corner in corners])

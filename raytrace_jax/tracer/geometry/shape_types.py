@@ -12,6 +12,7 @@ from ...scene.parameters import shape_blocks
 from ...scene.scene import Scene
 from ...scene.table import BLOCK_TYPES
 from ...util.numerics import dot, select, unstacked, with_lower_ranks
+from ..settings import ResolvedSettings
 from .plane import PLANE
 from .rays import UNROLL
 from .rectangle import RECTANGLE
@@ -27,8 +28,8 @@ Index = int | Int[Array, ""]
 
 
 def fold_shapes(
-    types: tuple[str, ...],
-    ask: Callable[[ShapeType, Index], Answer],
+    shapes: Shapes,
+    ask: Callable[[ShapeType, Shapes, Index], Answer],
     combine: Callable[[T, Answer], T],
     start: T,
     settle: Callable[[T | list[Answer]], Any] = lambda found: found,
@@ -37,20 +38,24 @@ def fold_shapes(
     """The answers of all shapes of a scene, put together in turn; asked type by type, in loops where they are many.
 
     Args:
-        ask: the answer of one shape, from its type and its index.
+        ask: the answer of one shape, from its type, itself and its index.
         combine: puts an answer to what was found before; the order of the shapes must not matter to it.
         settle: what to do with all answers before they are put together, and with what is found after each, where they
             are few. Chains of selections that feed each other are one kernel otherwise, which computes them anew.
     """
     names = [name for name in SHAPE_TYPES if name not in leave_out]
-    asked = {name: [k for k, other in enumerate(types) if other == name] for name in names}
+    asked = {name: [k for k, other in enumerate(shapes.types) if other == name] for name in names}
+
+    def ask_one(name: str, index: Index) -> Answer:
+        return ask(SHAPE_TYPES[name], jax.tree.map(lambda values: values[..., index], shapes), index)
+
     if sum(map(len, asked.values())) <= UNROLL:
         answers = []
         for name, indices in asked.items():
             if len(indices) == 1:
-                answers.append(ask(SHAPE_TYPES[name], indices[0]))
+                answers.append(ask_one(name, indices[0]))
             elif indices:
-                each = jax.vmap(functools.partial(ask, SHAPE_TYPES[name]))(jnp.asarray(indices, jnp.int32))
+                each = jax.vmap(functools.partial(ask_one, name))(jnp.asarray(indices, jnp.int32))
                 answers += unstacked(each, len(indices))
         for answer in settle(answers):
             start = settle(combine(start, answer))
@@ -59,8 +64,8 @@ def fold_shapes(
         if indices:
             places = jnp.asarray(indices, jnp.int32)
 
-            def step(k, found, shape_type=SHAPE_TYPES[name], places=places):
-                return combine(found, ask(shape_type, places[k]))
+            def step(k, found, name=name, places=places):
+                return combine(found, ask_one(name, places[k]))
 
             start = jax.lax.fori_loop(0, len(indices), step, start)
     return start
@@ -96,7 +101,7 @@ def repeated(shapes: Shapes) -> Bool[Array, " shapes"]:
 
 
 @with_lower_ranks
-def scene_shapes(scene: Scene) -> Shapes:
+def scene_shapes(scene: Scene, settings: ResolvedSettings) -> Shapes:
     groups = [getattr(scene, BLOCK_TYPES[keyword][0].group) for keyword in SHAPE_TYPES]
     # The place of each shape, in the order of the file, in the list of all shapes type by type.
     places = {name: place for place, name in enumerate(name for group in groups for name in group.names)}
@@ -110,6 +115,7 @@ def scene_shapes(scene: Scene) -> Shapes:
     types, known = tuple(shape.keyword for shape in shape_blocks(scene)), list(SHAPE_TYPES)
     return Shapes(
         types=types,
+        settings=settings,
         type=jnp.asarray([known.index(name) for name in types], jnp.int32),
         **{name: jnp.concatenate([one[name] for one in found], -1)[..., order] for name in found[0]},
     )

@@ -23,17 +23,22 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...util.numerics import TINY_32, away_from_zero, dot, is_zero, with_lower_ranks
-from ..resolved_settings import ResolvedSettings
+from ..settings import ResolvedSettings
 from .rays import Axes, Flags, Pairs, Rays, Scalars, Vectors
 
 LEAST_COS = 1e-6
 """A flat shape is not hit by a ray whose direction is closer than this to parallel (course model, 1.2)."""
 
 
+OneOrAll = Float[Array, " *#rays"]
+"""A number for each ray, or one for all."""
+
+
 class Shapes(eqx.Module):
     """Shapes as the coefficients of F, `normal` of length one; those of a scene, or one for each ray."""
 
     types: tuple[str, ...] = eqx.field(static=True)  # Of all shapes of the scene, in the order of the file.
+    settings: ResolvedSettings = eqx.field(static=True)  # How the picture is traced.
     type: Int[Array, " *shapes"]  # The place of the type in `shape_types.SHAPE_TYPES`.
     position: Float[Array, "3 *shapes"]
     normal: Float[Array, "3 *shapes"]
@@ -42,6 +47,10 @@ class Shapes(eqx.Module):
     # Two half-side vectors of shapes with sides, from their positions; 0 for others, None where all are others.
     axes: Float[Array, "2 3 *shapes"] | None = None
     hidden: Bool[Array, " *shapes"] | None = None  # An earlier shape has the same surface, and is all that is met.
+
+    @property
+    def is_met(self) -> Flags | bool:
+        return True if self.hidden is None else ~self.hidden
 
 
 def surface_value(p: Vectors, shape: Shapes) -> Scalars:
@@ -57,9 +66,7 @@ def surface_normal(p: Vectors, shape: Shapes) -> Vectors:
     return shape.normal + shape.curvature * (p - shape.position)
 
 
-def divisor(
-    cos: Scalars, least: Float[Array, " *#rays"] | float, side: Float[Array, " *#rays"] | None = None
-) -> Scalars:
+def divisor(cos: Scalars, least: OneOrAll | float, side: OneOrAll | None = None) -> Scalars:
     """A cosine of incidence to divide by: `cos`, or `least` with its sign where it is smaller in magnitude.
 
     `side` is the sign where it is known, -1 for a surface that faces the ray: where the ray only just touches a sphere,
@@ -74,8 +81,8 @@ def hit_distance(
     o: Vectors,
     d: Vectors,
     shape: Shapes,
-    least_cos: Float[Array, " *#rays"] | float = LEAST_COS,
-    side: Float[Array, " *#rays"] | None = None,
+    least_cos: OneOrAll | float = LEAST_COS,
+    side: OneOrAll | None = None,
 ) -> Scalars:
     """`t` itself, where it is known to be the distance at which a ray meets its shape, made differentiable.
 
@@ -124,10 +131,10 @@ GRAZING = 1e-3
 
 
 class Edge(eqx.Module):
-    exists: Flags
     value: Scalars  # The event function, positive where the nearest surface is present.
     slope: Pairs  # Its derivatives along the footprint's two axes.
     fraction: Scalars  # How much of the footprint, side to side, the linear event function is good for.
+    exists: Flags | bool = True
 
 
 class Approach(eqx.Module):
@@ -142,10 +149,9 @@ def approach(rays: Rays, shape: Shapes, t: Scalars, side: Scalars | None = None)
     rays, shape, t = jax.lax.stop_gradient((rays, shape, t))
     n = shape.normal if side is None else surface_normal(rays.o + t * rays.d, shape)
     cos = dot(n, rays.d)
-    footprint = rays.beam.footprint
-    across = footprint.o + t * footprint.d
+    across = rays.footprint.o + t * rays.footprint.d
     slope = jnp.sum(n * across, 1) * (-1 / divisor(cos, GRAZING, side))
-    change = jnp.sum(jnp.abs(jnp.sum(n * footprint.d, 1)), 0)
+    change = jnp.sum(jnp.abs(jnp.sum(n * rays.footprint.d, 1)), 0)
     if side is not None:
         change += shape.curvature * jnp.sqrt(jnp.sum(across * across, (0, 1)) + TINY_32)
     # Distances of edges are divided by the fraction, which therefore stays above 0.
@@ -165,6 +171,10 @@ def extent(edge: Edge) -> Scalars:
 def is_within(edge: Edge) -> Flags:
     """Whether more of the footprint than a corner, in which almost nothing lies, is on the near side of the edge."""
     return edge.value > -0.9995 * edge.fraction * extent(edge)
+
+
+Hit = tuple[Scalars, Flags]
+"""The distance at which each ray may meet a shape, and whether it does."""
 
 
 class Sighting(NamedTuple):
@@ -205,19 +215,19 @@ class ShapeType(NamedTuple):
     curved: bool  # Closed and convex, with an outline where rays graze it; flat if not.
     # Of the scene's struct of such shapes the fields of `Shapes`; `axes` only where the type has sides.
     coefficients: Callable[[Any], dict[str, Array]]
-    # Distance to one shape, and whether that is a hit: of rays, shape, which rays start on it, the least distance that
-    # counts, and settings. `hit_distance` makes it differentiable, as the next.
-    hit: Callable[[Rays, Shapes, Flags, Array, ResolvedSettings], tuple[Array, Array]]
+    # Distance to one shape, and whether that is a hit: of rays, shape, which rays start on it, and the least distance
+    # that counts. `hit_distance` makes it differentiable, as the next.
+    hit: Callable[[Rays, Shapes, Flags, Array], Hit]
     distance: Callable[[Rays, Shapes, Flags], Scalars]  # To shapes that are met, one a ray; which from outside.
     # How footprints meet one shape; as `hit`, and which rays have a level for what is past an edge.
-    see: Callable[[Rays, Shapes, Array, Array, Array, ResolvedSettings], Sighting]
-    # The shapes' own edges, one shape a ray: of rays, shapes, which of these are of this type, which are seen from
-    # outside, distances, how these change over the footprint, and settings.
-    edges: Callable[[Rays, Shapes, Array, Array, Array, Approach, ResolvedSettings], tuple[Edge, ...]]
+    see: Callable[[Rays, Shapes, Array, Array, Array], Sighting]
+    # The shapes' own edges, one shape a ray: of rays, shapes, which are seen from outside,
+    # distances, and how these change over the footprint.
+    edges: Callable[[Rays, Shapes, Array, Array, Approach], tuple[Edge, ...]]
     # How far the ways from points to a light stay clear of one shape, in world units, negative where it cuts them: of
-    # points, the light's location, shape, unit of length, and settings.
-    clearance: Callable[[Array, Array, Shapes, Array, ResolvedSettings], Scalars]
-    section: Callable[[Shapes, CuttingPlane, float, ResolvedSettings], Section]  # As far as the drawing reaches.
+    # points, the light's location, shape, and unit of length.
+    clearance: Callable[[Array, Array, Shapes, Array], Scalars]
+    section: Callable[[Shapes, CuttingPlane, float], Section]  # As far as the drawing reaches.
     has_inside: bool = False  # There is glass behind its surface, wherever F is negative.
     # Unit directions of textures on shapes, and half the shapes' sizes along these, or infinity; None without mapping.
     frame: Callable[[Shapes], tuple[Axes, Pairs]] | None = None

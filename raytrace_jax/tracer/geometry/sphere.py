@@ -9,10 +9,9 @@ from jaxtyping import Array
 
 from ...scene.scene import Spheres
 from ...util.numerics import dot, per_ray, safe_sqrt, vectors_to
-from ..resolved_settings import ResolvedSettings
 from . import shapes
 from .rays import Flags, Number, Rays, Scalars, Vector, Vectors
-from .shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
+from .shapes import Approach, CuttingPlane, Edge, Hit, Section, Shapes, ShapeType
 
 
 class Chord(NamedTuple):
@@ -45,9 +44,7 @@ def coefficients(spheres: Spheres) -> dict[str, Array]:
     return {"position": center, "normal": jnp.zeros_like(center), "curvature": 1 / radius, "radius": radius}
 
 
-def meeting(
-    rays: Rays, passing: Chord, own: Flags, least: Number, settings: ResolvedSettings
-) -> tuple[Scalars, Flags, Flags]:
+def meeting(rays: Rays, shape: Shapes, passing: Chord, own: Flags, least: Number) -> tuple[Scalars, Flags, Flags]:
     """Distance at which rays meet one sphere, whether they do, and whether the near end of the chord is no hit.
 
     A ray that starts on this sphere meets it again only if it runs inside, at the end of its chord.
@@ -55,13 +52,13 @@ def meeting(
     near, far = passing.along - passing.half, passing.along + passing.half
     hits = jnp.where(own, rays.inside, passing.discriminant > 0)
     behind = near < least
-    if not settings.second_root:
+    if not shape.settings.second_root:
         return near, hits & ~own, behind
     return jnp.where(own, 2 * passing.along, jnp.where(behind, far, near)), hits, behind
 
 
-def hit(rays: Rays, shape: Shapes, own: Flags, least: Number, settings: ResolvedSettings) -> tuple[Array, Array]:
-    t, hits, _ = meeting(rays, chord_in(rays, shape), own, least, settings)
+def hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> Hit:
+    t, hits, _ = meeting(rays, shape, chord_in(rays, shape), own, least)
     return t, hits & (t > least)
 
 
@@ -72,18 +69,15 @@ def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
 
 def silhouette(rays: Rays, passing: Chord, radius: Scalars, value: Scalars, exists: Flags) -> Edge:
     """The silhouette of a sphere, given how the ray passes it and how far inside of the outline that is."""
-    footprint = rays.beam.footprint
-    slope = jnp.sum(passing.across * (footprint.o + passing.along * footprint.d), 1) * (-1 / radius)
+    slope = jnp.sum(passing.across * (rays.footprint.o + passing.along * rays.footprint.d), 1) * (-1 / radius)
     fraction = jax.lax.stop_gradient(shapes.fraction_of_radius(slope, radius))
-    return Edge(exists, value, slope, fraction)
+    return Edge(value, slope, fraction, exists)
 
 
-def see(
-    rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Number, settings: ResolvedSettings
-) -> shapes.Sighting:
+def see(rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Number) -> shapes.Sighting:
     """The meeting of each footprint with one sphere. Where its centre just misses the rim, a part of it still may."""
     passing = chord_in(rays, shape)
-    t, centered, behind = meeting(rays, passing, own, least, settings)
+    t, centered, behind = meeting(rays, shape, passing, own, least)
     seen, outside = centered & (t > least), ~(own | behind)
     edge = silhouette(rays, passing, shape.radius, passing.discriminant / (2 * shape.radius), may_pass)
     grazes = may_pass & ~own & (passing.discriminant <= 0) & (passing.along > least) & shapes.is_within(edge)
@@ -94,16 +88,14 @@ def see(
     return shapes.Sighting(jnp.where(grazes, first, t), seen | grazes, outside | grazes, centered)
 
 
-def edges(
-    rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
-) -> tuple[Edge, ...]:
+def edges(rays: Rays, shape: Shapes, outside: Flags, t: Scalars, near: Approach) -> tuple[Edge, ...]:
     passing = chord_in(rays, shape)
-    radius = jnp.where(mine, shape.radius, 1)
+    radius = jnp.where(shape.curvature > 0, shape.radius, 1)
     value = (radius * radius - dot(passing.across, passing.across)) / (2 * radius)
     return (silhouette(rays, passing, radius, value, outside),)
 
 
-def clearance(o: Vectors, light: Vector, shape: Shapes, unit: Number, settings: ResolvedSettings) -> Scalars:
+def clearance(o: Vectors, light: Vector, shape: Shapes, unit: Number) -> Scalars:
     """The distance of the way from `o` to a light from a sphere; for a light within it, how far `o` is inside."""
     toward, toward_center = vectors_to(light, o), vectors_to(shape.position, o)
     length_squared = dot(toward, toward)
@@ -115,7 +107,7 @@ def clearance(o: Vectors, light: Vector, shape: Shapes, unit: Number, settings: 
     return jnp.where(light_inside, within, safe_sqrt(dot(nearest, nearest)) - shape.radius)
 
 
-def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
+def section(shape: Shapes, drawing: CuttingPlane, reach: float) -> Section:
     center, radius = np.asarray(shape.position, np.float64), float(shape.radius)
     angle = np.linspace(0, 2 * np.pi, 181)  # A corner every second degree.
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -14,15 +14,14 @@ from ...optics import AIR_IOR, reflect, refract
 from ...optics.fresnel import schlick_share
 from ...scene.scene import PointLights
 from ...util.numerics import any_nonzero, clamp01, dot, materialize
-from ..geometry.intersection import Hits, Nodes
+from ..geometry.footprints import mean, positive_fractions, total_fraction
+from ..geometry.intersection import Nodes, SurfaceInteraction
 from ..geometry.rays import Flags, Rays, Scalars, Vectors, take_column
-from ..resolved_settings import ResolvedSettings
 from ..world import World
-from .model import Children, LightSample, Media, Model, black, over_lights
-from .quadrature import mean, positive_fractions, total_fraction
+from .model import Children, LightSample, Media, Model, over_lights
 
 
-class Surface(eqx.Module):
+class ClampedSurface(eqx.Module):
     local: Vectors  # Ambient and diffuse light, clamped.
     highlight: Vectors  # Specular light of the point lights, summed.
     diffuse: Vectors  # Scales `local` once more where there is a mirror ray.
@@ -31,23 +30,39 @@ class Surface(eqx.Module):
     reflectance: Scalars  # Fraction of the reflected ray in what shines through; one under total internal reflection.
     shiny: Flags  # The mirror step applies.
 
+    def combine(self, reflected: Vectors, transmitted: Vectors) -> Vectors:
+        """Steps 4 to 6."""
+        mirrored = clamp01(self.diffuse * self.local + self.mirror * reflected)
+        color = jnp.where(self.shiny, mirrored, self.local)
+
+        through = transmitted + self.reflectance * (reflected - transmitted)
+        color = clamp01(color + self.alpha * (through - color))
+
+        # All highlights are added before the one clamp: for lights and colours >= 0 that is clamping after each.
+        return clamp01(color + self.highlight)
+
+    def child_weights(self) -> tuple[Scalars, Scalars]:
+        mirror = jnp.where(self.shiny, functools.reduce(jnp.maximum, self.mirror), 0)
+        reflected = mirror + self.alpha * (self.reflectance - mirror)
+        return reflected, self.alpha * (1 - self.reflectance)
+
 
 def shade(
-    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes
-) -> tuple[Surface, Children]:
+    si: SurfaceInteraction, rays: Rays, world: World, media: Media, m: Any, nodes: Nodes
+) -> tuple[ClampedSurface, Children]:
     """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need.
 
     The point lights' light is that at the hit, or the mean over `nodes`; no shape casts a shadow.
     """
-    d, n = rays.d, hits.n
+    d, n, settings = rays.d, si.n, world.settings
     d_dot_n = dot(d, n)
     entering = d_dot_n < 0
 
     # Step 2: ambient light falls off with the length of the whole path.
-    ambient = clamp01(m.ambient / jnp.where(hits.valid, hits.path_length, 1))
+    ambient = clamp01(m.ambient / jnp.where(si.valid, si.path_length, 1))
 
     # Steps 3 and 6: point lights, without shadows, falling off with 1/r.
-    diffuse_light, specular_light = light_sums(nodes, hits.valid, world.lights)
+    diffuse_light, specular_light = light_sums(nodes, si.valid, world.lights)
     local = clamp01(ambient + diffuse_light * m.diffuse)
 
     # Step 5: refraction.
@@ -56,8 +71,8 @@ def shade(
 
     # Which rays to send on. A transparent surface that reflects totally sends the reflected ray in place of both.
     # What the switches of the settings leave out is taken away afterwards.
-    shiny = hits.valid & any_nonzero(m.specular) & settings.reflection
-    transparent = hits.valid & (m.alpha > 0)
+    shiny = si.valid & any_nonzero(m.specular) & settings.reflection
+    transparent = si.valid & (m.alpha > 0)
     total = total & transparent
     wants_transmitted = transparent & ~total
     if settings.reflectance == "schlick":
@@ -78,36 +93,18 @@ def shade(
         wants_transmitted = transparent & (reflectance < 1)
 
     alpha = jnp.where(transparent, m.alpha, 0)
-    surface = Surface(local, specular_light * m.specular, m.diffuse, m.specular, alpha, reflectance, shiny)
+    surface = ClampedSurface(local, specular_light * m.specular, m.diffuse, m.specular, alpha, reflectance, shiny)
     return surface, Children(wants_reflected, wants_transmitted, reflect(d, n), transmitted, entering)
 
 
-def media_at(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Media:
+def media_at(world: World, si: SurfaceInteraction, entering: Flags) -> Media:
     """`eta_t / eta_i` at each hit; on the way out by the course's convention or the physical one."""
-    ior = take_column(world.materials.ior, hits.shape)
-    leaving = AIR_IOR / ior if settings.eta == "physical" else 1 / (AIR_IOR * ior)
+    ior = take_column(world.materials.ior, si.shape)
+    leaving = AIR_IOR / ior if world.settings.eta == "physical" else 1 / (AIR_IOR * ior)
     return Media(jnp.where(entering, ior / AIR_IOR, leaving))
 
 
-def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
-    """Steps 4 to 6."""
-    mirrored = clamp01(surface.diffuse * surface.local + surface.mirror * reflected)
-    color = jnp.where(surface.shiny, mirrored, surface.local)
-
-    through = transmitted + surface.reflectance * (reflected - transmitted)
-    color = clamp01(color + surface.alpha * (through - color))
-
-    # All highlights are added before the one clamp: for lights and colours >= 0 that is clamping after each.
-    return clamp01(color + surface.highlight)
-
-
-def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
-    mirror = jnp.where(surface.shiny, functools.reduce(jnp.maximum, surface.mirror), 0)
-    reflected = mirror + surface.alpha * (surface.reflectance - mirror)
-    return reflected, surface.alpha * (1 - surface.reflectance)
-
-
-MODEL = Model(shade, combine, child_weights, attrgetter("alpha"), media_at, black)
+MODEL = Model(shade, attrgetter("alpha"), media_at)
 
 
 def light_sums(nodes: Nodes, valid: Flags, lights: PointLights) -> tuple[Vectors, Vectors]:

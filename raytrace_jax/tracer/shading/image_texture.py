@@ -16,8 +16,8 @@ from jaxtyping import Array, Float
 
 from ...scene.setting_words import TextureFilter, TextureWrap
 from ...util.numerics import TINY_32, clamp01, dot, instantiated, is_zero, with_lower_ranks
-from ..geometry.rays import Axes, Integers, Pairs, Scalars, Vectors, take_column
-from .quadrature import mean, parts
+from ..geometry.footprints import mean, parts
+from ..geometry.rays import Axes, Integers, PairAxes, Pairs, Scalars, Vectors, take_column
 
 Wrap = tuple[TextureWrap, TextureWrap]  # What is beyond a picture's border, along u and along v.
 
@@ -146,9 +146,7 @@ def image_colors(
     return mean_colors(pyramid, jnp.stack([u, v]), axes, kind, wrap)
 
 
-def _mean_colors(
-    pyramid: Pyramid, place: Pairs, axes: Float[Array, "2 2 *rays"], kind: TextureFilter, wrap: TextureWrap
-) -> Vectors:
+def _mean_colors(pyramid: Pyramid, place: Pairs, axes: PairAxes, kind: TextureFilter, wrap: TextureWrap) -> Vectors:
     """The means of `image_colors` over parallelograms, from two by two parts, or from four in a row of long ones.
 
     For footprints up to 50 texels wide on two pictures of 512 x 512, 1:1 to 1:8 and skew, the root mean square error is

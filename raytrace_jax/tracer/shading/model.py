@@ -2,7 +2,7 @@
 
 Each shape has a *clearance*, a smooth function of the point that is lit: positive where the shape does not cut the way
 to the light, zero on the edge of its shadow. A single point is lit or not; of a footprint
-`quadrature.positive_fractions` makes of the clearances at its four nodes the fraction that is lit, and with it the
+`footprints.positive_fractions` makes of the clearances at its four nodes the fraction that is lit, and with it the
 derivative of shadow edges.
 """
 
@@ -17,13 +17,24 @@ from jaxtyping import Array, Float
 
 from ...scene.scene import PointLights
 from ...util.numerics import dot, vectors_to
-from ..geometry.intersection import Hits
-from ..geometry.rays import Axes, Flags, Integers, Number, Rays, Scalars, Vector, Vectors, take
+from ..geometry.footprints import positive_fractions
+from ..geometry.intersection import SurfaceInteraction
+from ..geometry.rays import (
+    Axes,
+    Flags,
+    Integers,
+    NodeScalars,
+    NodeVectors,
+    Number,
+    Rays,
+    Scalars,
+    Vector,
+    Vectors,
+    take,
+)
 from ..geometry.shape_types import fold_shapes
-from ..geometry.shapes import ShapeType
-from ..resolved_settings import ResolvedSettings
+from ..geometry.shapes import Shapes, ShapeType
 from ..world import World
-from .quadrature import positive_fractions
 from .textures import texture_colors
 
 T = TypeVar("T")
@@ -48,30 +59,43 @@ class Media(NamedTuple):
     transmittance: Vectors | None = None  # The fraction of radiance that it lets through.
 
 
-class Model(NamedTuple):
-    """A model of what light does at surfaces and between them; its rules for paths are `settings.MODEL_RULES`."""
+class Surface(eqx.Module):
+    """What a surface shows and sends on, kept until the colours of the rays that it sends on are known."""
 
-    # What a surface shows of its own, and the rays that it sends on: of hits, rays, the world, the media and the
-    # material at each hit, settings, and quadrature nodes in each footprint (hits for points). Its `Surface` is kept
-    # until the colours of these rays are known.
-    shade: Callable[..., tuple[Any, Children]]
-    combine: Callable[[Any, Array, Array], Vectors]  # The colour of each hit, from these colours (black for none).
-    child_weights: Callable[[Any], tuple[Array, Array]]  # About how much both rays count in it, in the largest channel.
-    transparency: Callable[[Any], Scalars]  # Of materials, how much of what shines through counts.
-    media: Callable[[World, Hits, Flags, ResolvedSettings], Media]  # At hits; and whether the ray enters.
-    background: Callable[[World, Rays], Float[Array, "3 *#rays"]]  # What rays that hit nothing see.
+    local: Vectors  # Light of its own.
+    mirror: Scalars  # Weight of the reflected ray.
+    through: Scalars  # Weight of the transmitted ray.
+
+    def combine(self, reflected: Vectors, transmitted: Vectors) -> Vectors:
+        """The colour of each hit, from the colours of the rays that it sent on (black for none)."""
+        return self.local + self.mirror * reflected + self.through * transmitted
+
+    def child_weights(self) -> tuple[Scalars, Scalars]:
+        """About how much the reflected and the transmitted ray count in it, in the largest channel."""
+        return self.mirror, self.through
 
 
 def black(world: World, rays: Rays) -> Float[Array, "3 *ones"]:
     return jnp.zeros((3,) + (1,) * (rays.d.ndim - 1), rays.d.dtype)
 
 
-def materials_at(world: World, hits: Hits, footprint: Axes | None = None) -> Any:
+class Model(NamedTuple):
+    """A model of what light does at surfaces and between them; its rules for paths are `settings.MODEL_RULES`."""
+
+    # What a surface shows of its own, and the rays that it sends on: of hits, rays, the world, the media and the
+    # material at each hit, and quadrature nodes in each footprint (hits for points).
+    shade: Callable[..., tuple[Any, Children]]
+    transparency: Callable[[Any], Scalars]  # Of materials, how much of what shines through counts.
+    media: Callable[[World, SurfaceInteraction, Flags], Media]  # At hits; and whether the ray enters.
+    background: Callable[[World, Rays], Float[Array, "3 *#rays"]] = black  # What rays that hit nothing see.
+
+
+def materials_at(world: World, si: SurfaceInteraction, footprint: Axes | None = None) -> Any:
     """The material at each hit, with emission and diffuse colour scaled by a texture; `footprint` as it wants it."""
-    material = take(world.materials, hits.shape)
+    material = take(world.materials, si.shape)
     if world.textures is None:
         return material
-    color = texture_colors(world.textures, world.shapes, hits, footprint)
+    color = texture_colors(world.textures, world.shapes, si, footprint)
     return material._replace(emission=material.emission * color, diffuse=material.diffuse * color)
 
 
@@ -105,14 +129,13 @@ def over_lights(answer: Callable[[LightSample], T], lights: PointLights, p: Vect
 
 
 def light_fractions(
-    origins: Float[Array, "3 *nodes rays"],
+    origins: NodeVectors,
     own: Integers,
     light: Vector,
     facing: Flags,
     world: World,
-    settings: ResolvedSettings,
     clear: Float[Array, " shapes"] | None = None,
-) -> Float[Array, "*nodes rays"]:
+) -> NodeScalars:
     """The fraction of each node's part of the footprint from which a light is seen; for a single point 0 or 1.
 
     Args:
@@ -122,17 +145,14 @@ def light_fractions(
             where the light stands below the surface: the caller takes care of that.
         clear: which fraction of the light each shape lets through; None where none of them lets any.
     """
-    shapes = world.shapes
 
-    def ask(shape_type: ShapeType, index):
-        shape = jax.tree.map(lambda values: values[..., index], shapes)
-        clearance = shape_type.clearance(origins, light, shape, world.unit, settings) / world.unit
+    def ask(shape_type: ShapeType, shape: Shapes, index):
+        clearance = shape_type.clearance(origins, light, shape, world.unit) / world.unit
         # A flat shape never stands in the way of its own points.
         ignored = (own == index) & (facing if shape_type.curved else True)
-        ignored = ignored if shape.hidden is None else ignored | shape.hidden
         fraction = positive_fractions(clearance)
         if clear is not None:
             fraction += clear[index] * (1 - fraction)
-        return jnp.where(ignored, 1, fraction)
+        return jnp.where(shape.is_met & ~ignored, fraction, 1)
 
-    return fold_shapes(shapes.types, ask, operator.mul, jnp.ones_like(origins[0]))
+    return fold_shapes(world.shapes, ask, operator.mul, jnp.ones_like(origins[0]))

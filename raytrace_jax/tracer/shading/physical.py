@@ -18,9 +18,8 @@ import math
 from operator import attrgetter
 from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
+from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
 from ...optics import reflect, refract
@@ -28,45 +27,48 @@ from ...optics.fresnel import reflected_share
 from ...scene.scene import least_distance
 from ...scene.schema import NO_BLOCK
 from ...util.numerics import dot, dot_fixed, materialize, per_ray, vectors_to
-from ..geometry.intersection import Hits, Nodes
+from ..geometry.footprints import mean
+from ..geometry.intersection import Nodes, SurfaceInteraction
 from ..geometry.rays import NO_SHAPE, Flags, Integers, Pairs, Rays, Scalars, Vectors, take_column
 from ..geometry.shape_types import SHAPE_TYPES, fold_shapes
 from ..geometry.shapes import Shapes, ShapeType
-from ..resolved_settings import ResolvedSettings
 from ..world import World
 from .image_texture import environment_colors
-from .model import Children, LightSample, Media, Model, black, light_fractions, over_lights
-from .quadrature import mean
+from .model import Children, LightSample, Media, Model, Surface, black, light_fractions, over_lights
 
 
-class Surface(eqx.Module):
-    local: Vectors  # Emission and diffuse light.
-    mirror: Scalars
-    through: Scalars
+class AbsorbedSurface(Surface):
     transmittance: Vectors  # What the way to the hit lets through.
+
+    def combine(self, reflected: Vectors, transmitted: Vectors) -> Vectors:
+        return self.transmittance * super().combine(reflected, transmitted)
+
+    def child_weights(self) -> tuple[Scalars, Scalars]:
+        left = functools.reduce(jnp.maximum, self.transmittance)
+        return left * self.mirror, left * self.through
 
 
 def shade(
-    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes
-) -> tuple[Surface, Children]:
+    si: SurfaceInteraction, rays: Rays, world: World, media: Media, m: Any, nodes: Nodes
+) -> tuple[AbsorbedSurface, Children]:
     """Light of its own at each hit, and the rays that it sends on; Fresnel's weight is the mean over `nodes`."""
-    d, n = rays.d, hits.n
+    d, n = rays.d, si.n
     entering = dot(d, n) < 0
 
     # How the light is divided, and where it goes on.
     transmitted, _, total = refract(d, n, media.eta, nodes.spread)
     reflectance = mean(reflected_share(jnp.abs(dot(nodes.d, nodes.n)), media.eta))
     opaque = 1 - m.transmission
-    mirror = jnp.where(hits.valid, m.transmission * reflectance + opaque * m.reflectivity, 0)
-    through = jnp.where(hits.valid & ~total, m.transmission * (1 - reflectance), 0)
+    mirror = jnp.where(si.valid, m.transmission * reflectance + opaque * m.reflectivity, 0)
+    through = jnp.where(si.valid & ~total, m.transmission * (1 - reflectance), 0)
 
     assert media.transmittance is not None, "this model has media"
-    local = m.emission + opaque * m.diffuse * lambert_light(hits, nodes, entering, world, settings)
-    surface = Surface(jnp.where(hits.valid, local, 0), mirror, through, media.transmittance)
+    local = m.emission + opaque * m.diffuse * lambert_light(si, nodes, entering, world)
+    surface = AbsorbedSurface(jnp.where(si.valid, local, 0), mirror, through, media.transmittance)
     return surface, Children(mirror > 0, through > 0, reflect(d, n), transmitted, entering)
 
 
-def lambert_light(hits: Hits, nodes: Nodes, entering: Flags, world: World, settings: ResolvedSettings) -> Vectors:
+def lambert_light(si: SurfaceInteraction, nodes: Nodes, entering: Flags, world: World) -> Vectors:
     """The light of all lights that a white matt surface shows: `I cos / (pi r^2)`, the mean over the nodes.
 
     What stands in the way of a light lets through as much as it transmits: glass does not block.
@@ -78,53 +80,43 @@ def lambert_light(hits: Hits, nodes: Nodes, entering: Flags, world: World, setti
 
     def one_light(light: LightSample) -> Scalars:
         cos = jnp.maximum(dot(n, light.toward) * light.inverse_distance, 0)
-        fraction = light_fractions(origins, hits.shape, light.location, entering, world, settings, transmission)
+        fraction = light_fractions(origins, si.shape, light.location, entering, world, transmission)
         return mean(fraction * cos * (1 / light.squared_distance))
 
-    irradiance = materialize(over_lights(one_light, world.lights, p), hits.valid)
-    emissivity = world.lights.emissivity.reshape(*world.lights.emissivity.shape, *(1,) * hits.t.ndim)
+    irradiance = materialize(over_lights(one_light, world.lights, p), si.valid)
+    emissivity = world.lights.emissivity.reshape(*world.lights.emissivity.shape, *(1,) * si.t.ndim)
     return jnp.sum(emissivity * irradiance, 1) / math.pi
 
 
-def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
-    return surface.transmittance * (surface.local + surface.mirror * reflected + surface.through * transmitted)
-
-
-def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
-    left = functools.reduce(jnp.maximum, surface.transmittance)
-    return left * surface.mirror, left * surface.through
-
-
-def media_at(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Media:
+def media_at(world: World, si: SurfaceInteraction, entering: Flags) -> Media:
     """The media in front of each hit and behind it; a surface that is not glass parts nothing.
 
     Light falls by `exp(-absorption t)` on the way through one (Beer-Lambert); where there is no hit all of it is left.
     """
-    (outside, inside), (_, size) = innermost(world, hits)
-    transmission, radius = (take_column(column, hits.shape) for column in (world.materials.transmission, sizes(world)))
-    first = (radius < size) | ((radius == size) & (hits.shape < inside))
-    within = jnp.where(jax.lax.stop_gradient(transmission > 0) & (first | (inside == NO_SHAPE)), hits.shape, inside)
+    (outside, inside), (_, size) = innermost(world, si)
+    transmission, radius = (take_column(column, si.shape) for column in (world.materials.transmission, sizes(world)))
+    first = (radius < size) | ((radius == size) & (si.shape < inside))
+    within = jnp.where(stop_gradient(transmission > 0) & (first | (inside == NO_SHAPE)), si.shape, inside)
     front, back = jnp.where(entering, outside, within), jnp.where(entering, within, outside)
-    t = jnp.where(hits.valid, hits.t, 0)
+    t = jnp.where(si.valid, si.t, 0)
     absorption = take_column(world.materials.absorption, jnp.maximum(front, 0))
     left = jnp.exp(-jnp.where(front == NO_SHAPE, 0, absorption) * t)
-    return Media(index_of(world, back) / index_of(world, front), front, jnp.where(hits.valid, left, 1))
+    return Media(index_of(world, back) / index_of(world, front), front, jnp.where(si.valid, left, 1))
 
 
-def innermost(world: World, hits: Hits) -> tuple[Int[Array, "2 *rays"], Pairs]:
+def innermost(world: World, si: SurfaceInteraction) -> tuple[Int[Array, "2 *rays"], Pairs]:
     """The smallest glass shape on the outer and the inner side of each hit, and its size; what is hit is left out.
 
     Each side is asked half the least distance of a hit off the surface: surfaces that coincide are crossed together.
     """
-    shapes, transmission, all_sizes, p, n = jax.lax.stop_gradient(
-        (world.shapes, world.materials.transmission, sizes(world), hits.p, hits.n)
+    shapes, transmission, all_sizes, p, n = stop_gradient(
+        (world.shapes, world.materials.transmission, sizes(world), si.p, si.n)
     )
     off = least_distance(world.unit) / 2 * n
     p = jnp.stack([p + off, p - off], axis=1)
 
-    def ask(shape_type: ShapeType, index):
-        shape = jax.tree.map(lambda values: values[..., index], shapes)
-        holds = is_inside(p, shape) & (transmission[index] > 0) & (hits.shape != index)
+    def ask(shape_type: ShapeType, shape: Shapes, index):
+        holds = is_inside(p, shape) & (transmission[index] > 0) & (si.shape != index)
         return holds, all_sizes[index], index
 
     def smaller(best, found):
@@ -133,9 +125,9 @@ def innermost(world: World, hits: Hits) -> tuple[Int[Array, "2 *rays"], Pairs]:
         return jnp.where(closer, size, best_size), jnp.where(closer, index, best_index)
 
     sides = p.shape[1:]
-    nothing = jnp.full(sides, jnp.inf, p.dtype), jnp.full(sides, NO_SHAPE, hits.shape.dtype)
+    nothing = jnp.full(sides, jnp.inf, p.dtype), jnp.full(sides, NO_SHAPE, si.shape.dtype)
     hollow = [name for name, shape_type in SHAPE_TYPES.items() if not shape_type.has_inside]
-    size, index = fold_shapes(shapes.types, ask, smaller, nothing, leave_out=hollow)
+    size, index = fold_shapes(shapes, ask, smaller, nothing, leave_out=hollow)
     return index, size
 
 
@@ -148,7 +140,7 @@ def is_inside(p: Vectors, shape: Shapes) -> Flags:
 def sizes(world: World) -> Float[Array, " shapes"]:
     """The size of each shape: its radius, and infinite for what has no end or no inside."""
     curved = world.shapes.curvature > 0
-    return jax.lax.stop_gradient(jnp.where(curved, world.shapes.radius, jnp.inf))
+    return stop_gradient(jnp.where(curved, world.shapes.radius, jnp.inf))
 
 
 def index_of(world: World, medium: Integers) -> Scalars:
@@ -165,8 +157,8 @@ def background_radiance(world: World, rays: Rays) -> Float[Array, "3 *#rays"]:
         return radiance
     _, entry = world.textures.column[background.texture]
     pyramid = world.textures.pyramids[entry]
-    axes = None if rays.beam is None else rays.beam.footprint.d
+    axes = None if rays.footprint is None else rays.footprint.d
     return radiance * environment_colors(pyramid, rays.d, axes)
 
 
-MODEL = Model(shade, combine, child_weights, attrgetter("transmission"), media_at, background_radiance)
+MODEL = Model(shade, attrgetter("transmission"), media_at, background_radiance)

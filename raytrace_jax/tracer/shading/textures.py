@@ -17,12 +17,12 @@ from ...scene.scene import Checkers, Images, Scene
 from ...scene.schema import NO_BLOCK
 from ...scene.setting_words import EdgeMode
 from ...util.numerics import clamp01, dot, instantiated, is_zero, per_ray, select, with_lower_ranks
-from ..geometry.intersection import Hits
-from ..geometry.rays import Axes, Pairs, Scalars, Vectors, take
+from ..geometry.footprints import parts
+from ..geometry.intersection import SurfaceInteraction
+from ..geometry.rays import Axes, PairAxes, Pairs, Scalars, Vectors, take
 from ..geometry.shape_types import present_types
 from ..geometry.shapes import Shapes
 from .image_texture import Pyramid, image_colors, make_pyramid
-from .quadrature import parts
 
 
 class Textures(eqx.Module):
@@ -38,7 +38,7 @@ class Place(NamedTuple):
 
     along: Pairs
     half: Pairs  # Half the shape's size.
-    axes: Float[Array, "2 2 *rays"] | None  # Derivatives over the footprint, "axis direction"; None for points.
+    axes: PairAxes | None  # Derivatives over the footprint, "axis direction"; None for points.
 
 
 def prepare_pyramids(scene: Scene, edges: EdgeMode | None) -> tuple[Pyramid, ...]:
@@ -56,25 +56,25 @@ def prepare_textures(scene: Scene, pyramids: tuple[Pyramid, ...]) -> Textures | 
     return Textures(scene.checkers, scene.images, pyramids, of_shape, column)
 
 
-def texture_colors(textures: Textures, shapes: Shapes, hits: Hits, footprint: Axes | None) -> Vectors:
+def texture_colors(textures: Textures, shapes: Shapes, si: SurfaceInteraction, footprint: Axes | None) -> Vectors:
     """The colour of the texture at each hit, 1 where there is none; `footprint` has the hit point's derivatives."""
-    place = place_on(take(shapes, hits.shape), hits, footprint)
-    color = jnp.ones_like(hits.p)
+    place = place_on(take(shapes, si.shape), si, footprint)
+    color = jnp.ones_like(si.p)
     for column in sorted(set(textures.of_shape) - {NO_BLOCK}):
-        here = jnp.asarray(np.array(textures.of_shape) == column)[hits.shape]
+        here = jnp.asarray(np.array(textures.of_shape) == column)[si.shape]
         group, entry = textures.column[column]
         color = jnp.where(here, LOOK_UPS[group](textures, entry, place), color)
     return color
 
 
-def place_on(shape: Shapes, hits: Hits, footprint: Axes | None) -> Place:
+def place_on(shape: Shapes, si: SurfaceInteraction, footprint: Axes | None) -> Place:
     """The positions of hits on their shapes, one shape a ray; anywhere on those that have no mapping."""
-    none = jnp.zeros_like(hits.p)
-    directions, half = jnp.stack([none, none]), jnp.ones((2, *hits.t.shape), hits.t.dtype)
+    none = jnp.zeros_like(si.p)
+    directions, half = jnp.stack([none, none]), jnp.ones((2, *si.t.shape), si.t.dtype)
     for number, shape_type in present_types(shape):
         if shape_type.frame is not None:
             directions, half = select(shape.type == number, shape_type.frame(shape), (directions, half))
-    away = hits.p - shape.position
+    away = si.p - shape.position
     along = jnp.stack([dot(direction, away) for direction in directions])
     axes = None
     if footprint is not None:
@@ -130,7 +130,7 @@ def checker_fraction(position: Pairs, axes: Array | None, square: Array, offset:
 
 
 @jax.custom_jvp
-def mean_product(place: Pairs, axes: Float[Array, "2 2 *rays"]) -> Scalars:
+def mean_product(place: Pairs, axes: PairAxes) -> Scalars:
     return _mean_and_slopes(place, axes)[0]
 
 
@@ -147,7 +147,7 @@ def _mean_product_jvp(primals, tangents):
 mean_product.defjvp(with_lower_ranks(_mean_product_jvp), symbolic_zeros=True)
 
 
-def _mean_and_slopes(place: Pairs, axes: Float[Array, "2 2 *rays"]) -> tuple[Scalars, Pairs]:
+def _mean_and_slopes(place: Pairs, axes: PairAxes) -> tuple[Scalars, Pairs]:
     middles, sides = parts(axes, 4)
     value, slope, bend = _square_wave(place[:, None] + jnp.moveaxis(middles, 0, 1), *sides)
     covariance = jnp.sum(jnp.prod(sides, axis=1), 0) / 12

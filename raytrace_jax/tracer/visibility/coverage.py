@@ -17,6 +17,7 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.lax import stop_gradient
 from jaxtyping import Array
 
 from ...util.numerics import TINY_32, dot, select
@@ -40,7 +41,7 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
     changes without bound. For a sphere that is seen from outside the event function is therefore the sphere's own
     function F at the point where the ray meets the other surface: it has the same zero, and stays smooth at the rim.
     """
-    fixed_rays, fixed_near, fixed_behind = jax.lax.stop_gradient((rays, near, behind))
+    fixed_rays, fixed_near, fixed_behind = stop_gradient((rays, near, behind))
     along = -dot(fixed_rays.o - fixed_near.shape.position, fixed_rays.d)
     # The nearer sphere's F tells which surface comes first only before the sphere's middle, at `along`: beyond it F
     # grows again towards the far side of the sphere.
@@ -49,17 +50,16 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
 
     # The sphere whose function is taken, and the other surface, whose point it is taken at.
     sphere = select(by_near, near.shape, behind.shape)
-    fixed_sphere = jax.lax.stop_gradient(sphere)
+    fixed_sphere = stop_gradient(sphere)
     t = jnp.where(by_near, behind.t, near.t)
-    fixed_t = jax.lax.stop_gradient(t)
+    fixed_t = stop_gradient(t)
     other = select(by_near, behind.approach, near.approach)
     # Positive where `near` is first: the other point is inside of the nearer sphere, or outside of the one behind.
     sign = jnp.where(by_near, -1, 1)
     # Chain rule over the footprint: F changes with the point, which moves across the ray and along it.
     n = shapes.surface_normal(fixed_rays.o + fixed_t * fixed_rays.d, fixed_sphere)
     cos = dot(n, fixed_rays.d)
-    footprint = rays.beam.footprint
-    slope = sign * (jnp.sum(n * (footprint.o + fixed_t * footprint.d), 1) + cos * other.slope)
+    slope = sign * (jnp.sum(n * (rays.footprint.o + fixed_t * rays.footprint.d), 1) + cos * other.slope)
     by_function = by_near | by_behind
     value = jnp.where(by_function, sign * shapes.surface_value(rays.o + t * rays.d, sphere), behind.t - near.t)
     fraction = jnp.where(
@@ -68,7 +68,7 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
         jnp.minimum(near.approach.fraction, behind.approach.fraction),
     )
     slope = jnp.where(by_function, slope, behind.approach.slope - near.approach.slope)
-    return Edge(exists, value, slope, fraction)
+    return Edge(value, slope, fraction, exists)
 
 
 def edge_distance(edge: Edge):
@@ -83,11 +83,11 @@ def edge_distance(edge: Edge):
     # guards the root's derivative where the slope is 0.
     steepness = jnp.sqrt(jnp.sum(edge.slope * edge.slope, 0) + TINY_32)
     direction = edge.slope / steepness
-    direction, fraction = jax.lax.stop_gradient((direction, edge.fraction))
+    direction, fraction = stop_gradient((direction, edge.fraction))
     unit = steepness * fraction
     distance = edge.value / unit
     # The value stays as it is; only its derivative is damped.
-    fixed = jax.lax.stop_gradient(distance)
+    fixed = stop_gradient(distance)
     return fixed + fraction * (distance - fixed), direction, fraction, unit
 
 
@@ -137,7 +137,7 @@ def cut_pixel(d: Scalars, normal: Pairs) -> Cut:
     """
     # Seen from the far side the edge lies at -d. Means are distances from the edge, shifts are from the pixel's centre.
     side = jnp.asarray([1.0, -1.0], d.dtype).reshape(2, *(1,) * d.ndim)
-    area, mean, width = half_plane(side * d, *sides(jax.lax.stop_gradient(normal)))
+    area, mean, width = half_plane(side * d, *sides(stop_gradient(normal)))
     return Cut(area[0], side * mean - d, width)
 
 

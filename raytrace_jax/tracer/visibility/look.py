@@ -37,15 +37,15 @@ import operator
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.lax import stop_gradient
 
 from ...scene.scene import least_distance
 from ...util.numerics import dot, materialize, safe_normalize, select, unstacked
 from ..geometry import shapes as surfaces
-from ..geometry.intersection import Hits, ends_in_time
-from ..geometry.rays import NO_SHAPE, Flags, Footprint, Integers, Number, Rays, Scalars, take
+from ..geometry.intersection import SurfaceInteraction, ends_in_time
+from ..geometry.rays import NO_SHAPE, Flags, Integers, Number, Rays, Scalars, take
 from ..geometry.shape_types import Index, by_type, fold_shapes, present_types
 from ..geometry.shapes import GRAZING, Edge, Shapes, ShapeType, hit_distance
-from ..resolved_settings import ResolvedSettings
 from . import coverage
 
 
@@ -68,9 +68,7 @@ class Nearest(eqx.Module):
         return self.code & 1 != 0
 
 
-def find_two_nearest(
-    shapes: Shapes, rays: Rays, live, may_pass, least: Number, settings: ResolvedSettings
-) -> tuple[Nearest, Nearest]:
+def find_two_nearest(shapes: Shapes, rays: Rays, live, may_pass, least: Number) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 
     A ball whose silhouette the centre just misses counts at the first distance at which the footprint may meet it.
@@ -81,13 +79,12 @@ def find_two_nearest(
         return jnp.broadcast_to(one.reshape(one.shape + (1,) * len(count)), one.shape + count)
 
     # What one shape says: how far away a footprint meets it; infinity where it does not, or has gone past its edge.
-    def ask(shape_type: ShapeType, index: Index) -> Nearest:
-        shape = jax.tree.map(spread, jax.tree.map(lambda table: table[..., index], shapes))
-        found = shape_type.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
-        seen = found.seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
-        seen = seen if shape.hidden is None else seen & ~shape.hidden
+    def ask(shape_type: ShapeType, shape: Shapes, index: Index) -> Nearest:
+        shape = jax.tree.map(spread, shape)
+        found = shape_type.see(rays, shape, rays.origin_shape == index, may_pass, least)
+        seen = found.seen & (index != rays.footprint.passed[0]) & (index != rays.footprint.passed[1])
         code = 4 * index + 2 * found.outside.astype(jnp.int32) + found.centered.astype(jnp.int32)
-        return Nearest(jnp.where(seen, found.t, jnp.inf), code)
+        return Nearest(jnp.where(seen & shape.is_met, found.t, jnp.inf), code)
 
     def nearer(found: Nearest, other: Nearest) -> Flags:
         # On a tie the first shape of the file wins; in a loop one type comes after the other.
@@ -104,12 +101,12 @@ def find_two_nearest(
     # At first both are at infinity. 4 times `NO_SHAPE` is the code of no shape without flags.
     far = jnp.full_like(rays.path_length, jnp.inf)
     nothing = Nearest(far, jnp.full_like(rays.origin_shape, 4 * NO_SHAPE))
-    return fold_shapes(shapes.types, ask, put_in_order, (nothing, nothing), lambda all_: materialize(all_, live))
+    return fold_shapes(shapes, ask, put_in_order, (nothing, nothing), lambda all_: materialize(all_, live))
 
 
 def look(
-    shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number, settings: ResolvedSettings
-) -> tuple[Hits, Rays, Scalars, Flags, Rays]:
+    shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number
+) -> tuple[SurfaceInteraction, Rays, Scalars, Flags, Rays]:
     """Find what each ray's footprint sees first, and split it at the edge of the smallest signed distance.
 
     Only rays that `may_pass`, which have a further level for what is past an edge, are split.
@@ -119,9 +116,9 @@ def look(
         footprint; the fraction of the footprint that it is; which are split, and the rays of the other part.
     """
     # The nearest surface that any part of a footprint sees, the one behind it, and the edge between them.
-    fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
+    fixed_shapes, fixed_rays = stop_gradient((shapes, rays))
     nearest, second = materialize(
-        find_two_nearest(fixed_shapes, fixed_rays, live, may_pass, least_distance(unit), settings), live
+        find_two_nearest(fixed_shapes, fixed_rays, live, may_pass, least_distance(unit)), live
     )
     found = live & (nearest.shape != NO_SHAPE)
     behind_exists = found & (second.shape != NO_SHAPE)
@@ -139,12 +136,12 @@ def look(
     edges, t, near = list[Edge](), surface.t, surface.approach
     for number, shape_type in present_types(surface.shape):
         mine = surface.shape.type == number
-        for edge in shape_type.edges(rays, surface.shape, mine, nearest.outside, t, near, settings):
+        for edge in shape_type.edges(rays, surface.shape, nearest.outside, t, near):
             edges.append(eqx.tree_at(lambda e: e.exists, edge, edge.exists & mine))
-    if settings.has_path_limit:
+    if shapes.settings.has_path_limit:
         # A path that becomes too long ends in black: what is left of it shrinks as fast as the distance grows.
-        left = settings.path_limit - rays.path_length - t
-        edges.append(Edge(jnp.ones_like(found), left, -near.slope, near.fraction))
+        left = shapes.settings.path_limit - rays.path_length - t
+        edges.append(Edge(left, -near.slope, near.fraction))
     edges.append(eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden))
     distance, direction, fraction, step = materialize(coverage.most_central(edges), live)
     # Where it does not cut, the centre decides alone. The distance 2 is beyond any footprint's reach: all is near.
@@ -157,7 +154,7 @@ def look(
     near, far = materialize(move(rays, direction, fraction, cut, cuts), live)
 
     # Where the near ray hits.
-    fixed_near, fixed_shape = jax.lax.stop_gradient((near, surface.shape))
+    fixed_near, fixed_shape = stop_gradient((near, surface.shape))
     t = by_type(fixed_shape, lambda shape_type: shape_type.distance(fixed_near, fixed_shape, nearest.outside))
     t = jnp.where(cuts, t, nearest.t)
     # Near a silhouette the hit lies as deep inside of it as the centroid of the near part, g = depth. As the half chord
@@ -165,25 +162,19 @@ def look(
     # rim, where its derivative would run off to infinity: half of this cosine is the least to divide by.
     depth = jnp.where(cuts, (cut.shift[0] + distance) * step, 0)
     least_cos = jnp.maximum(jnp.sqrt(jnp.maximum(depth * fixed_shape.curvature / 2, 0)), GRAZING)
-    least_cos = jax.lax.stop_gradient(least_cos)
-    hits = materialize(hit_surface(near, nearest.shape, surface, t, least_cos, present, settings), live)
+    least_cos = stop_gradient(least_cos)
+    si = materialize(hit_surface(near, nearest.shape, surface, t, least_cos, present), live)
 
     # What goes past ignores this surface and the one passed before, and counts for what is left of the pixel.
-    passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
-    throughput = rays.throughput * jax.lax.stop_gradient(1 - cut.area)
-    past = eqx.tree_at(lambda r: (r.beam.passed, r.throughput), far, (passed, throughput))
-    return hits, near, jnp.where(cuts, cut.area, 1), cuts, past
+    passed = jnp.stack([nearest.shape, rays.footprint.passed[0]])
+    throughput = rays.throughput * stop_gradient(1 - cut.area)
+    past = eqx.tree_at(lambda r: (r.footprint.passed, r.throughput), far, (passed, throughput))
+    return si, near, jnp.where(cuts, cut.area, 1), cuts, past
 
 
 def hit_surface(
-    rays: Rays,
-    index: Integers,
-    surface: coverage.SurfaceAhead,
-    t: Scalars,
-    least_cos: Scalars,
-    present: Flags,
-    settings: ResolvedSettings,
-) -> Hits:
+    rays: Rays, index: Integers, surface: coverage.SurfaceAhead, t: Scalars, least_cos: Scalars, present: Flags
+) -> SurfaceInteraction:
     """The hit of each ray on the surface that it is known to meet."""
     shape, side = surface.shape, surface.side
     t = hit_distance(jnp.where(present, t, 1), rays.o, rays.d, shape, least_cos, side)
@@ -195,8 +186,8 @@ def hit_surface(
     short = jnp.where(surface.curved, jnp.maximum(least_cos - side * dot(n, rays.d), 0), 0)
     n = safe_normalize(n + side * short * rays.d)
     path_length = rays.path_length + t
-    valid = present & ends_in_time(path_length, settings)
-    return Hits(valid, t, p, n, jnp.maximum(index, 0), path_length)
+    valid = present & ends_in_time(path_length, shape.settings)
+    return SurfaceInteraction(valid, t, p, n, jnp.maximum(index, 0), path_length)
 
 
 def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Flags) -> coverage.SurfaceAhead:
@@ -214,7 +205,7 @@ def move(rays: Rays, direction, fraction, cut: coverage.Cut, cuts) -> list[Rays]
 
     `direction` is the edge's unit normal in the footprint's own coordinates.
     """
-    footprint = rays.beam.footprint
+    footprint = rays.footprint
 
     def part(shift: Scalars, width: Scalars):
         offset = jnp.where(cuts, direction * fraction * shift, 0)[:, None]
@@ -226,7 +217,7 @@ def move(rays: Rays, direction, fraction, cut: coverage.Cut, cuts) -> list[Rays]
         def narrow(axes):
             return axes - lost[:, None] * jnp.sum(direction[:, None] * axes, 0)
 
-        return o, safe_normalize(d), jax.lax.stop_gradient(Footprint(narrow(footprint.o), narrow(footprint.d)))
+        return o, safe_normalize(d), *stop_gradient((narrow(footprint.o), narrow(footprint.d)))
 
     parts = unstacked(jax.vmap(part)(cut.shift, cut.width), 2)
-    return [eqx.tree_at(lambda r: (r.o, r.d, r.beam.footprint), rays, each) for each in parts]
+    return [eqx.tree_at(lambda r: (r.o, r.d, r.footprint.o, r.footprint.d), rays, each) for each in parts]

@@ -15,14 +15,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ...scene.scene import Camera
-from ...util.numerics import materialize, only_if, repeat, select
-from ..geometry.camera import rays_through
-from ..geometry.intersection import Hits
-from ..geometry.rays import PackedRays, Rays, Vectors, packed, unpacked
-from ..resolved_settings import ResolvedSettings
-from ..world import LINE_CHANNEL, World
-from .level import MODELS, Scattering, trace_level
+from ..scene.scene import Camera
+from ..util.numerics import materialize, only_if, repeat, select
+from .geometry.camera import rays_through
+from .geometry.intersection import SurfaceInteraction
+from .geometry.rays import Count, Flags, Integers, PackedRays, Rays, Vectors, packed, unpacked
+from .level import Scattering, trace_level
+from .world import LINE_CHANNEL, World
 
 T = TypeVar("T")
 
@@ -47,7 +46,7 @@ def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates
 
 def compact(
     kinds: list[tuple[Bool[Array, " rays"], Rays]], number: Int[Array, " rays"]
-) -> tuple[PackedRays, Int[Array, "kinds rays"], Int[Array, ""]]:
+) -> tuple[PackedRays, Int[Array, "kinds rays"], Count]:
     """The wanted rays of all kinds, kind after kind; the slot of each candidate, and how many are wanted.
 
     What is not wanted has the slot after the last one; unused slots at the end hold the first candidate.
@@ -65,28 +64,33 @@ class RayRecord(eqx.Module):
     """Traced rays as the way up needs them."""
 
     scattering: Scattering
-    valid: Bool[Array, " rays"]
-    depth: Int[Array, " rays"]  # How often their paths have bounced.
+    valid: Flags
+    depth: Integers  # How often their paths have bounced.
     children: Int[Array, "kinds rays"]  # The places in the queue of what they sent on; beyond its rays for none.
-    si: Hits | None = None  # Where they hit; None where nobody asks, as the next.
+    si: SurfaceInteraction | None = None  # Where they hit; None where nobody asks, as the next.
     wanted: Bool[Array, "kinds rays"] | None = None  # What they wanted to send on, also after the last bounce.
 
 
-class ChildResult(eqx.Module):
-    """Radiance returned to the parent ray, with what else the parent is told; fields as in `Outcome`."""
+class Outcome(eqx.Module):
+    """What rays bring back to their parents, and the camera's rays to their pixels."""
 
-    color: Float[Array, "3 places"]
-    complete: Bool[Array, " places"]
-    sees_edge: Bool[Array, " places"] | None
-    bounce_count: Int[Array, " places"] | None
+    color: Vectors
+    complete: Flags  # Whether all rays of its tree found a place in the queue; what did not is black.
+    sees_edge: Flags | None = None  # Whether any ray of its tree sees an edge; None of points.
+    bounce_count: Integers | None = None  # The largest after which a ray of its tree still hit something, if asked for.
 
 
-def combine(settings: ResolvedSettings, results: ChildResult, rays: RayRecord) -> ChildResult:
+class PixelOutcome(Outcome):
+    traced: Count | None = None  # How many rays there were in all.
+    first: SurfaceInteraction | None = None  # The camera ray's own hit; None where it is not asked for.
+
+
+def combine(results: Outcome, rays: RayRecord) -> Outcome:
     own = rays.scattering
     color = own.background
     from_children = [gather(results.color, place) for place in rays.children]
     if own.surface is not None:
-        color = jnp.where(rays.valid, MODELS[settings.model].combine(own.surface, *from_children[:2]), color)
+        color = jnp.where(rays.valid, own.surface.combine(*from_children[:2]), color)
     # What is seen past an edge counts for the rest of the footprint.
     if own.coverage is not None and own.subdivided is not None:
         reflected, transmitted, past = from_children
@@ -104,24 +108,15 @@ def combine(settings: ResolvedSettings, results: ChildResult, rays: RayRecord) -
         sees_edge = most(own.sees_edge, sees_edge)
     if bounces is not None:
         bounces = most(jnp.where(rays.valid, rays.depth, 0), bounces)
-    return ChildResult(color, jnp.broadcast_to(complete, rays.valid.shape), sees_edge, bounces)
-
-
-class Outcome(eqx.Module):
-    color: Vectors
-    complete: Bool[Array, " rays"]  # Whether all rays of its tree found a place in the queue; what did not is black.
-    traced: Int[Array, ""]  # How many rays there were in all.
-    sees_edge: Bool[Array, " rays"] | None = None  # Whether any ray of the pixel's tree sees an edge; None of points.
-    first: Hits | None = None  # The camera ray's own hit; None where it is not asked for, as the next one.
-    bounce_count: Int[Array, " rays"] | None = None  # The largest after which a ray of its tree still hit something.
+    return Outcome(color, jnp.broadcast_to(complete, rays.valid.shape), sees_edge, bounces)
 
 
 class Queue(eqx.Module):
-    wave: Int[Array, ""]  # The number of the next wave.
+    wave: Count  # The number of the next wave.
     heads: Int[Array, " waves"]  # The place of each wave's first ray, of those that are traced and of the next one.
     starts: Int[Array, " chunks"]  # The place of the first camera ray of each wave's worth that came in together.
-    sent: Int[Array, ""]  # How many camera rays came in.
-    tail: Int[Array, ""]  # The place after the last ray; beyond the queue's size if rays found no place.
+    sent: Count  # How many camera rays came in.
+    tail: Count  # The place after the last ray; beyond the queue's size if rays found no place.
     rays: PackedRays
     traced: RayRecord
 
@@ -129,7 +124,7 @@ class Queue(eqx.Module):
 RAYS_A_PLACE = 4  # The queue has room for so many times the camera rays that there are places for.
 
 
-def write(all_: T, new: T, place: Int[Array, ""]) -> T:
+def write(all_: T, new: T, place: Count) -> T:
     """`all_` with other values from a place of the last axis on."""
     return jax.tree.map(lambda x, y: jax.lax.dynamic_update_slice_in_dim(x, y, place, -1), all_, new)
 
@@ -148,8 +143,7 @@ class Wavefront:
     camera: Camera
     points: Float[Array, "2 places"]
     step: Float[Array, "2"]
-    count: Int[Array, ""] | int
-    settings: ResolvedSettings
+    count: Count | int
     with_hits: bool = False
 
     @property
@@ -170,25 +164,23 @@ class Wavefront:
         """
         return self.size + 3 * self.chunk
 
-    def read(self, all_: T, head: Int[Array, ""]) -> T:
+    def read(self, all_: T, head: Count) -> T:
         """The values of a wave's rays."""
         return jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, head, self.chunk, -1), all_)
 
-    def camera_rays(self, first: Int[Array, ""]) -> PackedRays:
+    def camera_rays(self, first: Count) -> PackedRays:
         u, v = self.read(self.points, first)
-        return packed(rays_through(self.camera, self.settings, u, v, self.step), jnp.zeros(self.chunk, jnp.int32))
+        return packed(rays_through(self.camera, self.world.settings, u, v, self.step), jnp.zeros(self.chunk, jnp.int32))
 
-    def scatter(
-        self, head: Int[Array, ""], tail: Int[Array, ""], some: PackedRays
-    ) -> tuple[RayRecord, PackedRays, Int[Array, ""]]:
+    def scatter(self, head: Count, tail: Count, some: PackedRays) -> tuple[RayRecord, PackedRays, Count]:
         """Intersect and shade a wave: its record, the rays that it sends on, and how many these are."""
         live = head + jnp.arange(self.chunk, dtype=jnp.int32) < jnp.minimum(tail, self.size)
         # Stored at a place of their own: kernels that read from the middle of a queue are several times as slow.
         some = materialize(some, live)
         rays, number = unpacked(some), some.number
-        level = materialize(trace_level(self.world, rays, live, number, self.settings), live)
-        kinds = [(wanted & live & (number < self.settings.levels), child) for wanted, child in level.children]
-        depth = number if rays.beam is None else rays.beam.depth
+        level = materialize(trace_level(self.world, rays, live, number), live)
+        kinds = [(wanted & live & (number < self.world.settings.levels), child) for wanted, child in level.children]
+        depth = number if rays.footprint is None else rays.footprint.depth
         places, children, total = jnp.zeros((0, self.chunk), jnp.int32), some, jnp.zeros_like(tail)
         if kinds:
             children, slot, total = compact(kinds, number + 1)
@@ -198,7 +190,7 @@ class Wavefront:
         record = RayRecord(level.scattering, level.si.valid, depth, places, si, all_wanted)
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], self.chunk)), record), children, total
 
-    def waits(self, queue: Queue) -> Int[Array, ""]:
+    def waits(self, queue: Queue) -> Count:
         """How many rays wait."""
         return jnp.minimum(queue.tail, self.size) - queue.heads[queue.wave]
 
@@ -222,15 +214,15 @@ class Wavefront:
         rays, records = write(rays, children, end), write(queue.traced, traced, head)
         return Queue(queue.wave + 1, heads, starts, queue.sent + new, tail + total, rays, records)
 
-    def blend(self, queue: Queue, wave: Int[Array, ""], results: ChildResult) -> ChildResult:
+    def blend(self, queue: Queue, wave: Count, results: Outcome) -> Outcome:
         """The results with those of a wave: each ray blends what its children bring back."""
         head, end = queue.heads[wave], queue.heads[wave + 1]
         is_own = head + jnp.arange(self.chunk, dtype=jnp.int32) < end
-        blended = combine(self.settings, results, self.read(queue.traced, head))
+        blended = combine(results, self.read(queue.traced, head))
         return write(results, select(is_own, blended, self.read(results, head)), head)
 
 
-def trace_queue(front: Wavefront, reversible: bool = False) -> tuple[Queue, ChildResult]:
+def trace_queue(front: Wavefront, reversible: bool = False) -> tuple[Queue, Outcome]:
     """The queue at the end of tracing camera rays and all that they send on, and what each of its rays brings back.
 
     Args:
@@ -242,7 +234,7 @@ def trace_queue(front: Wavefront, reversible: bool = False) -> tuple[Queue, Chil
     record = jax.eval_shape(front.scatter, start, start, first)[0]
     rays, nothing = jax.tree.map(lambda x: jnp.zeros((*x.shape[:-1], room), x.dtype), (first, record))
     # What ends the queue is a generation of rays a wave.
-    waves = front.size // front.chunk + front.settings.levels + 2
+    waves = front.size // front.chunk + front.world.settings.levels + 2
     heads, starts = jnp.zeros(waves + 1, jnp.int32), jnp.zeros(front.points.shape[1] // front.chunk, jnp.int32)
     queue = Queue(start, heads, starts, start, start, rays, nothing)
 
@@ -256,9 +248,9 @@ def trace_queue(front: Wavefront, reversible: bool = False) -> tuple[Queue, Chil
     sees_edge = None if nothing.scattering.sees_edge is None else jnp.zeros(room, bool)
     bounce_count = jnp.zeros(room, jnp.int32) if front.with_hits else None
     complete = jnp.arange(room, dtype=jnp.int32) == room - 1
-    results = ChildResult(jnp.zeros_like(nothing.scattering.background), complete, sees_edge, bounce_count)
+    results = Outcome(jnp.zeros_like(nothing.scattering.background), complete, sees_edge, bounce_count)
 
-    def blend(state: tuple[Array, ChildResult]) -> tuple[Array, ChildResult]:
+    def blend(state: tuple[Array, Outcome]) -> tuple[Array, Outcome]:
         wave = state[0] - 1
         return wave, front.blend(queue, wave, state[1])
 
@@ -266,14 +258,14 @@ def trace_queue(front: Wavefront, reversible: bool = False) -> tuple[Queue, Chil
     return queue, results
 
 
-def trace(front: Wavefront, reversible: bool = False) -> Outcome:
+def trace(front: Wavefront, reversible: bool = False) -> PixelOutcome:
     """The outcome of each camera ray, by `trace_queue`.
 
     Where glass has dispersion one channel is traced after the other, which takes three times as long. What is not a
     colour then comes from the green channel; of edges what any channel sees counts.
     """
 
-    def outcome(front: Wavefront) -> Outcome:
+    def outcome(front: Wavefront) -> PixelOutcome:
         queue, results = trace_queue(front, reversible)
 
         def camera_s(x):
@@ -282,7 +274,7 @@ def trace(front: Wavefront, reversible: bool = False) -> Outcome:
 
         found, si = jax.tree.map(camera_s, (results, queue.traced.si))
         complete = found.complete & (jnp.arange(front.points.shape[1], dtype=jnp.int32) < queue.sent)
-        return Outcome(found.color, complete, queue.tail, found.sees_edge, si, found.bounce_count)
+        return PixelOutcome(found.color, complete, found.sees_edge, found.bounce_count, queue.tail, si)
 
     if front.world.channel_ior is None:
         return outcome(front)
@@ -293,7 +285,7 @@ def trace(front: Wavefront, reversible: bool = False) -> Outcome:
 
     each = jax.lax.map(jax.checkpoint(of_channel, prevent_cse=False), front.world.channel_ior)
     color = jnp.stack([each.color[channel, channel] for channel in range(3)])
-    first, bounce_count = jax.tree.map(lambda x: x[LINE_CHANNEL], (each.first, each.bounce_count))
     sees_edge = None if each.sees_edge is None else jnp.any(each.sees_edge, axis=0)
     complete, traced = jnp.all(each.complete, axis=0), jnp.max(each.traced)
-    return Outcome(color, complete, traced, sees_edge, first, bounce_count)
+    line = jax.tree.map(lambda x: x[LINE_CHANNEL], each)
+    return dataclasses.replace(line, color=color, complete=complete, sees_edge=sees_edge, traced=traced)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from ..util.numerics import MAD_TO_SIGMA
 
 
-class LightField(NamedTuple):
+class IlluminationMap(NamedTuple):
     """The light on a board: of white paper, and the ink's share of it.
 
     Args:
@@ -29,12 +29,12 @@ class LightField(NamedTuple):
         return np.tensordot(self.coefficients, terms, axes=(1, 0))
 
 
-def fit_light_field(
+def fit_illumination(
     image: Float[np.ndarray, "3 pixels"],
     place: Float[np.ndarray, "pixels 2"],
     brightness: Float[np.ndarray, " pixels"],
     half: Float[np.ndarray, "2"],
-) -> LightField:
+) -> IlluminationMap:
     """Fit the field to the scene-linear light of pixels that see paper, a brightness of 1, or ink, 0, at places.
 
     Pixels in the shadow or behind the hand of somebody do not count in it.
@@ -55,7 +55,7 @@ def fit_light_field(
     share = image / np.maximum(coefficients @ terms, 1e-6)
     of_ink = np.median(share[:, ink], axis=1) if ink.any() else np.zeros(3)
     scatter = MAD_TO_SIGMA * float(np.median(np.abs(share[:, paper] - 1)))
-    return LightField(half, coefficients, of_ink, scatter)
+    return IlluminationMap(half, coefficients, of_ink, scatter)
 
 
 def _terms(place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, "terms *any"]:

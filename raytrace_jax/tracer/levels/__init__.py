@@ -1,1 +1,0 @@
-"""Rays level by level, down and up through all of them."""
