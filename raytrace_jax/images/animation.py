@@ -59,7 +59,7 @@ def label_frames(frames: Sequence[Image.Image], name: str, values: Sequence[str]
 
 
 def shortened(text: str, font: Font, width: int) -> str:
-    """A text no wider than so many pixels, without its beginning, which says less than its end."""
+    """A text cut to a width in pixels, at its beginning, which says less than its end."""
     while font.getlength(text) > width and len(text) > 3:
         text = f"..{text.removeprefix('..')[1:]}"
     return text

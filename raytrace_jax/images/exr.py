@@ -47,7 +47,7 @@ class ExrPicture:
     metadata: dict[str, object]  # What `write_exr` was given; empty for the files of other programs.
     compression: str  # Of the first part, such as `ZIP`.
     attributes: dict[str, dict[str, Any]]
-    """What the file says of each channel: the header of its part, and what that leaves out as the first part has it."""
+    """The header of each channel's part, by the channel's name; the first part's header fills what that leaves out."""
 
 
 def write_exr(

@@ -153,7 +153,7 @@ class LibraryFile(PictureFile):
             if file.seek_subimage(1, 0):
                 raise self.error("has several pages, and one picture is wanted")
             file.seek_subimage(0, 0)
-            file.geterror()  # That there is no second page is none.
+            file.geterror()  # A missing second page is no error.
             is_for_print = spec.get_string_attribute("jpeg:ColorSpace") in ("CMYK", "YCbCrK")
             if is_for_print or "CMYK" in spec.get_string_attribute("tiff:ColorSpace"):
                 raise self.error("is CMYK, for print; RGB is wanted")

@@ -112,7 +112,7 @@ class FitOptions(Checked):
 
     @property
     def known_sampling(self) -> TargetSampling:
-        """The target's sampling, as far as that was said."""
+        """The target's sampling as the options state it."""
         if self.target_samples is None:
             return self.target_sampling
         return "box" if self.target_samples > 1 else "point"

@@ -251,7 +251,7 @@ def _state_at(problem: Problem, picture: PictureResidual, place: Values) -> FitS
 
 
 def _step_left(states: Sequence[FitState]) -> Values:
-    """The step of Gauss and Newton to the minimum of all sums of squares, as far as the bounds allow."""
+    """The Gauss-Newton step to the minimum of all sums of squares, cut off at the bounds."""
     first = states[0]
     parts = {
         name: jnp.asarray(np.concatenate([np.asarray(getattr(state.linearization, name)) for state in states]))

@@ -274,7 +274,7 @@ def _bits_and_count(dictionary: str) -> tuple[int, int]:
 
 
 def _fewer(columns: int, rows: int, most: int) -> tuple[int, int]:
-    """At most so many squares, in about the shape of too many, and no more of them a side."""
+    """Columns and rows of at most `most` squares, in about the proportion of a pattern with too many."""
     in_shape = math.floor(math.sqrt(most * columns / rows))
     columns = min(columns, max(LEAST, min(in_shape, most // LEAST)))
     return columns, min(rows, most // columns)

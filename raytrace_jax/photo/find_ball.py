@@ -35,7 +35,7 @@ def find_ball(photograph: Photograph, board: CharucoBoard, setup: Setup, blur: f
     name, glance = photograph.name, []
     least, sure = 0.35, 0.6  # The least correlation of photograph and drawing, and that which ends the search.
     found: list[tuple[float, Disc, Setup]] = []
-    # The ball is about so many pixels wide; through one that is far from a large board many small squares are seen.
+    # About the width of the ball in pixels: through one far from a large board many small squares are seen.
     for width in (56, 130):
         trials = [_Trial(photograph, board, setup, blur, disc, width) for disc in discs]
         glance = [one.glance() for one in trials]

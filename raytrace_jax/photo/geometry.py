@@ -26,7 +26,7 @@ Points = Float[Array, "n 2"]
 """Pixels, or places on the board's plane."""
 
 LOST = 5.0
-"""A corner whose ray is lost misses by so many pixels, more than corners that count."""
+"""Pixels by which a corner whose ray is lost counts as missed: more than any corner that counts."""
 
 LENS = [*range(6, 11)]
 """Where the numbers of the lens, angle of view, distortion and principal point, lie in each raveled set-up."""

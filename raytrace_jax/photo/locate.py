@@ -53,7 +53,7 @@ class Located(AdjustedView):
 
 @dataclass
 class PhotoResult:
-    """What one photograph tells, and what was taken for what in it, as far as that went.
+    """What one photograph tells, with the intermediate detections, for the sheet of a photograph that is refused.
 
     Args:
         photograph: which one.

@@ -113,7 +113,7 @@ def is_mirrored(grey: Grey, board: CharucoBoard) -> bool:
 
 
 def _too_few(grey: Grey, board: CharucoBoard, ours: int, others: int) -> str:
-    """Why a photograph shows too few markers of a board, as far as it can be told, and what to do."""
+    """The likely reason why a photograph shows too few markers of a board, and what to do."""
     wanted = f"{LEAST_DIRECT} markers of {board.path} are wanted, and {ours} are found"
     if is_mirrored(grey, board):
         return f"{wanted}, but more in its mirror image: mirror it back."
@@ -153,7 +153,7 @@ def layers_of(photograph: Photograph, board: CharucoBoard, lens: LensPrior) -> L
     cv2 = opencv("a photograph of a board")
     corners, markers, _ = markers_of(photograph.grey, board)
 
-    # Straight lines are straight once the lens is undone, as far as it is known.
+    # Straight lines are straight once what is known of the lens is undone.
     matrix = lens.camera_matrix(photograph.size, float(lens.mean[0]) if lens.has_fov else 40.0)
     # The middle of a marker is told better than its corners.
     middles, places = (quads.mean(axis=1, keepdims=True) for quads in (corners, board.markers[markers]))

@@ -14,7 +14,7 @@ from .locate import Located, PhotoResult, Together
 from .room_scene import GLASS, UNCERTAIN, RoomScene
 
 AGREE = 3.0
-"""Corners and light may differ by so many of their errors."""
+"""The largest difference of corners and light, in its errors, at which they still agree."""
 
 PARTS = {
     "radius": "radius and ruler", "thickness": "thickness and ruler", "wedge": "wedge", "wall": "walls",

@@ -91,14 +91,14 @@ def rectangles(cells: np.ndarray) -> np.ndarray:
 
 
 def screen_picture(pattern: Pattern, pixels: tuple[int, int], scale: int) -> np.ndarray:
-    """A board amid a white screen of so many `pixels`, 8-bit grey, `scale` pixels a cell; as `draw_sheet` otherwise."""
+    """A board amid a white screen of `pixels`, in 8-bit grey, `scale` pixels a cell; else as `draw_sheet`."""
     board = pattern_picture(pattern, scale)
     across, down = pixels[0] - board.shape[1], pixels[1] - board.shape[0]
     return np.pad(board, ((down // 2, -(-down // 2)), (across // 2, -(-across // 2))), constant_values=255)
 
 
 def pattern_picture(pattern: Pattern, scale: int = 4) -> np.ndarray:
-    """The pattern alone, 8-bit grey, with so many pixels a cell of the lattice. Raises RaytraceError without OpenCV."""
+    """The pattern alone in 8-bit grey, `scale` pixels a cell of the lattice. Raises RaytraceError without OpenCV."""
     return np.where(pattern.cells(), np.uint8(0), np.uint8(255)).repeat(scale, axis=0).repeat(scale, axis=1)
 
 

@@ -52,7 +52,7 @@ class Variant(NamedTuple):
 
 
 class Gallery(NamedTuple):
-    """A set of pictures, so many `columns` in a row."""
+    """A set of pictures, drawn `columns` in a row."""
 
     model: ModelName
     scene: str  # The file in the folder `data`; empty where each picture has a scene of its own.

@@ -52,7 +52,7 @@ def remove_ticks(axes: Iterable[Axes]) -> None:
 
 
 def panel_bands(count: int, columns: int, rows_each: int, width: float, height: float) -> tuple[Figure, np.ndarray]:
-    """A figure of so many places in rows of `columns`, each with `rows_each` panels below each other, without ticks.
+    """A figure of `count` places in rows of `columns`, each of `rows_each` panels below each other, without ticks.
 
     A place has `width` and `height` in inches. Returned are the figure and its panels, "count rows_each".
     """

@@ -21,7 +21,7 @@ def scene_folder() -> Path:
 
 
 def scene_path(path: StrPath) -> Path:
-    """The file that a path means: the path's own file, or where there is none the bundled scene of that name."""
+    """The file that a path means: its own file if it exists, else the bundled scene of that name."""
     given = as_path(path, ModelFileError)
     return given if os.path.lexists(given) else bundled_scenes().get(os.fspath(path), given)
 

@@ -310,7 +310,7 @@ def scalar_names(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def row_of_names(names: Iterable[str]) -> tuple[str, ...]:
-    """The names in a row. Raises ParameterError of what is none, as one text or an array of numbers."""
+    """The names in a row. Raises ParameterError of anything else, such as one text or an array of numbers."""
     if isinstance(names, str):
         raise ParameterError(f"a list of names is wanted, and this is the text {names!r}: write [{names!r}].")
     if not isinstance(names, Iterable) or getattr(names, "ndim", 1) != 1:

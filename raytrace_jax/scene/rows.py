@@ -98,7 +98,7 @@ class Description:
         return dataclasses.replace(self, values=values)
 
     def _value(self, name: str, attributes: list[Attribute], dtype: np.dtype) -> Any:
-        """One value as the scene has it, of what its attribute can be: what it is meant for, any if it is none."""
+        """One value as the scene has it: what its attribute is meant for, or anything if it is meant for nothing."""
         value: Any = self.values[name]
         attribute = next((attribute for attribute in attributes if attribute.takes(value)), attributes[0])
         is_word = isinstance(value, str | os.PathLike)
@@ -274,7 +274,7 @@ def _check_mappings(named: dict[str, dict[str, Description]]) -> None:
 
 
 def _read_texels(block: Description, dtype: np.dtype) -> Float[Array, "3 height width"]:
-    """The scene-linear picture of a texture, from a file or an array. Raises the block's error for what is none."""
+    """The scene-linear picture of a texture, from a file or an array. Raises the block's error for anything else."""
 
     def refuse(what: object) -> RaytraceError:
         return block.error("file", sentence(f"in {block}, {what}"))

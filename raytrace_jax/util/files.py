@@ -81,7 +81,7 @@ def read_bytes(path: StrPath, *, count: int = -1, error: type[RaytraceError] = R
 
 
 def read_toml(path: Path, error: type[RaytraceError] = RaytraceError) -> dict[str, Any]:
-    """The contents of a TOML file. Raises RaytraceError as `read_bytes`, and `error` if it is none."""
+    """The contents of a TOML file. Raises RaytraceError as `read_bytes`, and `error` if it is not TOML."""
     try:
         return tomllib.loads(read_bytes(path).decode("utf-8-sig"))
     except UnicodeDecodeError as reason:

@@ -61,7 +61,7 @@ def dot_fixed(a: Float[Array, "3"], b: Vectors) -> Scalars:
 
 
 def per_ray(vector: Float[Array, "3"], ray_axes: int) -> Float[Array, "3 *ones"]:
-    """One vector, shaped to broadcast over rays with so many axes."""
+    """One vector, shaped to broadcast over rays with `ray_axes` axes."""
     return vector.reshape((3,) + (1,) * ray_axes)
 
 

@@ -17,7 +17,7 @@ from .files import StrPath
 
 @contextlib.contextmanager
 def jax_session(precision: int, devices: int | None = None) -> Iterator[None]:
-    """Run JAX with 32 or 64 bits, on all cores up to 8 or so many `devices`, and with compiled programs kept.
+    """Run JAX with 32 or 64 bits, on `devices` CPU devices (None: all cores up to 8), and keep compiled programs.
 
     In a process that uses JAX already cores and cache stay as they are. May warn as `enable_compile_cache`.
     """
@@ -72,7 +72,7 @@ def free_memory() -> int | None:
 
 
 def lack_of_memory(needed: int) -> str:
-    """How so many bytes do not fit: `needs about 3 GB of memory, and 2 GB are free`; empty where they fit."""
+    """Why some bytes do not fit into memory: `needs about 3 GB of memory, and 2 GB are free`; empty where they fit."""
     # So few fit anywhere, and to ask how much memory there is takes some fifty microseconds.
     free = free_memory() if needed > 100_000_000 else None
     if free is None or needed <= free:

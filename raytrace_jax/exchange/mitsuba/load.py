@@ -1,4 +1,4 @@
-"""The import of Mitsuba 3's scenes, as far as the physical model covers them; the rest is named."""
+"""The import of Mitsuba 3's scenes: what the physical model covers is read, the rest is named."""
 
 import math
 import re

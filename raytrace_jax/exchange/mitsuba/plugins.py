@@ -57,7 +57,7 @@ class Plugin(NamedTuple):
         return self.name or self.kind
 
     def value(self, key: str, kinds: Any, default: Any) -> Any:
-        """A property. Raises SceneError if it is none of these kinds of values."""
+        """A property. Raises SceneError if its value is of another kind."""
         found = self.values.get(key, default)
         if isinstance(found, bool) or not isinstance(found, kinds):
             wanted = {Matrix: "a transform", Point: "a point", int | float: "a number"}.get(kinds, "a colour")
@@ -73,7 +73,7 @@ class Plugin(NamedTuple):
         return found.values if isinstance(found, Color) else (float(found),) * 3
 
     def transform(self, key: str = "to_world") -> np.ndarray:
-        """A transform, 4 x 4; the identity where there is none."""
+        """A transform, 4 x 4; the identity without the property."""
         return self.value(key, Matrix, Matrix(np.eye(4))).values
 
     def place(self, key: str) -> np.ndarray:

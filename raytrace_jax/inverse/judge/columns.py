@@ -73,7 +73,7 @@ def draw_sample(
 
 
 def blocks_of(shape: tuple[int, ...], side: int) -> Int[np.ndarray, "height width"]:
-    """The number of the block, of so many pixels a side, in which each pixel of a picture is."""
+    """For each pixel of a picture the number of its block of `side` pixels a side."""
     row, column = (np.arange(count) // side for count in shape)
     return row[:, None] * -(-shape[1] // side) + column
 
@@ -182,7 +182,7 @@ def margin_at(state: FitState) -> int:
 def pixels_to_check(
     state: FitState, most: int = 20_000, check_clock: Callable[[], None] = lambda: None
 ) -> SampledPicture:
-    """The pixels that stand for a picture, about so many at most.
+    """The pixels that stand for a picture: all, or a sample of about `most`.
 
     In a point-sampled picture some pixels at the rim of glass decide as much as all others, as their derivatives tell.
     Edge-aware pixels are chosen evenly: 8,000 of 19,200 by their derivatives tell how an estimate moves to a hundredth,

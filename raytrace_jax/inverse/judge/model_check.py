@@ -144,7 +144,7 @@ class ModelCheck:
 
     @classmethod
     def nothing(cls, count: int) -> "ModelCheck":
-        """The check of a fit of so many parameters whose model was not looked at."""
+        """The check of a fit of `count` parameters whose model was not looked at."""
         return cls((), (), np.zeros((count, count)), np.zeros((count, count)))
 
     @property

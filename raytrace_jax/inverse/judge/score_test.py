@@ -211,7 +211,7 @@ class Rows(NamedTuple):
 
 
 def score_columns(rows: Rows, nuisance: Columns, columns: Columns, least_left: Float[np.ndarray, " changes"]):
-    """Score changes of a picture as explanations of a residual, as far as no nuisance parameter makes up for them.
+    """Standard scores of columns as explanations of a residual, after the nuisance columns have been projected out.
 
     The amount of a change is found by least squares. Its spread comes from what the change leaves of the residual,
     summed by blocks of pixels (the sandwich: White 1980), so that it holds for noise of any distribution and unequal

@@ -66,7 +66,7 @@ class Uncertainty:
 
     @classmethod
     def unknown(cls, count: int, sigma: float | None) -> "Uncertainty":
-        """The uncertainty of so many parameters of which nothing is known."""
+        """The uncertainty of `count` parameters of which nothing is known."""
         nan, used = np.full((count, count), np.nan), np.nan if sigma is None else sigma
         return cls(nan[0], nan, nan[0], used, np.zeros(count), sigma is not None, np.nan, np.nan, "", ())
 

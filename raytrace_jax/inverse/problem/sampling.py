@@ -17,12 +17,12 @@ from .unknowns import Covariance, Image, PixelJacobian, Values, Vector
 
 
 def supersampled(problem: Problem, y: Vector, samples: int) -> Image:
-    """The picture at `y` with so many point samples a pixel and side."""
+    """The picture at `y`, each pixel the mean of a regular grid of point samples."""
     return problem.apply_response(point_sampled(problem, y, samples)[0], y)
 
 
 def point_sampled(problem: Problem, y: Vector, samples: int) -> tuple[Image, Image]:
-    """Mean and variance of so many point samples a pixel and side, of all of the target's pixels."""
+    """Mean and variance within each of the target's pixels, of a regular grid of `samples` points a side."""
     mean, variance = pixel_moments(problem, y, *problem.places(), sample_offsets(samples))
     return mean.reshape(problem.observation.target.shape), variance.reshape(problem.observation.target.shape)
 
@@ -57,13 +57,13 @@ LATTICES = (89, 233, 610, 1597)
 
 
 def lattice_size(least: float = 0, most: float = np.inf) -> int:
-    """The points of the smallest lattice that has at least so many; at most `most`, if the first has."""
+    """The number of points of the smallest lattice with `least` or more, but not more than `most` if one has so few."""
     sizes = [size for size in LATTICES if size <= most] or [LATTICES[0]]
     return next((size for size in sizes if size >= least), sizes[-1])
 
 
 def lattice_offsets(size: int) -> Float[np.ndarray, "samples 2"]:
-    """Places of so many samples in a pixel, from its middle: a Fibonacci lattice (Niederreiter and Sloan 1994).
+    """Offsets of samples from a pixel's middle: a Fibonacci lattice of `size` points (Niederreiter and Sloan 1994).
 
     A regular grid of as many errs as much in the area of an edge of any direction, but five times as much where the
     edge is nearly along its rows, and then alike in all pixels of a line of a level board.

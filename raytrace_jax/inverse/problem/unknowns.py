@@ -55,7 +55,7 @@ class Transform:
     @property
     def reach(self) -> tuple[float, float]:
         """The least and the largest unknown that a solver may try."""
-        # A radius of 0 is none: a value comes as near to its bound as this, in units or shares of its range.
+        # A ball of radius 0 is no ball: no value comes nearer to its bound than this, in units or shares of its range.
         least = -math.inf if math.isinf(self.lower) else 1e-30
         return least, math.inf if math.isinf(self.upper) else 1.0
 

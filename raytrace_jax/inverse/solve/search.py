@@ -39,7 +39,7 @@ the user can interrupt it."""
 def choose_levels(problem: Problem, options: FitOptions) -> tuple[Stage, ...]:
     """The levels on small pictures that are asked for, or suit the target's size, coarse to fine.
 
-    There are none where one start is to be solved without blur: that is the whole picture's own solve.
+    There are no levels where one start is to be solved without blur: the whole picture's own solve does that.
     """
     # About 160 x 120, a step of which takes a sixteenth of one at 640 x 480.
     binning = binning_to(problem, 20_000)
@@ -57,7 +57,7 @@ def choose_levels(problem: Problem, options: FitOptions) -> tuple[Stage, ...]:
 
 
 def binning_to(problem: Problem, pixels: int) -> int:
-    """The binning that leaves about so many pixels."""
+    """The binning that leaves about this many pixels."""
     return max(1, round(math.sqrt(math.prod(problem.observation.target.shape[1:]) / pixels)))
 
 

@@ -216,7 +216,7 @@ class GaussNewton:
 
 
 def tolerance(dtype) -> float:
-    """A change of four roundings is none."""
+    """The relative change below which a number counts as unchanged: four roundings."""
     return 4 * float(jnp.finfo(dtype).eps)
 
 
@@ -297,7 +297,7 @@ def step_in_errors(linearization: Linearization) -> float:
 def shorten_step(problem: Problem, origin: Vector, tried) -> Vector:
     """The end of a step, moved into the reach of the unknowns and halved until no ball has swallowed the camera."""
     place, start = np.clip(np.asarray(tried), *problem.unknowns.reach), np.asarray(origin)
-    # A step that leads into the impossible is given up after ten halvings: a thousandth of it is none.
+    # Ten halvings leave a thousandth of a step: one that still leads into the impossible is given up.
     for _ in range(10):
         if is_possible(problem, problem.array(place)):
             return problem.array(place)

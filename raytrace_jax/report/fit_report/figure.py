@@ -144,7 +144,7 @@ def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, Callable
 
 
 def _draw_curves(part: SubFigure, drawn: Sequence[tuple], most: int) -> list[tuple[str, str, str, list[Axes]]]:
-    """Draw panels of curves in rows of at most so many; group, name, remark and axes of each."""
+    """Draw panels of curves in rows of at most `most`; returns group, name, remark and axes of each."""
     rows = math.ceil(len(drawn) / most)
     axes = part.subplots(rows, math.ceil(len(drawn) / rows), squeeze=False).ravel()
     for ax in axes[len(drawn) :]:

@@ -158,7 +158,7 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
 
 
 def provenance_of(result: FitResult) -> dict[str, Any]:
-    """A fit's origin as far as it is known, with the target's width and height and the seconds of each stage.
+    """What is known of a fit's origin, with the target's width and height and the seconds of each stage.
 
     The stages are up to the first step, each level, and judging, after the last step, if it was timed.
     """
