@@ -22,7 +22,7 @@ EVIDENCE = 3.0
 
 
 def block_sums(image: Float[np.ndarray, "channels height width"], side: int):
-    """Sums over blocks of `side` pixels a side, "channels rows columns"; at the right and lower border blocks are cut."""
+    """Sums over blocks of `side` pixels a side, "channels rows columns"; those at the far borders are cut."""
     channels, height, width = image.shape
     padded = np.pad(image, ((0, 0), (0, -height % side), (0, -width % side)))
     return padded.reshape(channels, padded.shape[1] // side, side, -1, side).sum((2, 4))
