@@ -11,7 +11,9 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter, minimum_filter
+from scipy.ndimage import shift as moved_by
 
+from ..images.jpeg import JpegStorage
 from .boards import CharucoBoard
 from .geometry import Seen
 from .photograph import RAYS, Corners, offsets
@@ -62,6 +64,51 @@ def align(
     usual = np.median(contrast[contrast > 0]) if (contrast > 0).any() else np.inf
     good = (spread < 0.3) & (contrast > 0.15 * usual) & (np.max(np.abs(shift), axis=1) < HALF / 2)
     return Corners(expected + shift, corners, spread).where(good)
+
+
+class ColourPatches:
+    """Patches of a photograph's channels around corners, beside those of the board as it is seen there.
+
+    Args:
+        image: scene-linear.
+        see: where pixels look.
+        blur: standard deviation of the camera's blur in pixels.
+    """
+
+    def __init__(
+        self, image: Float[np.ndarray, "3 height width"], board: CharucoBoard, corners: Corners, see: See, blur: float
+    ):
+        box, _, self.fits = _boxes(image[0], corners.pixels)
+        self.first, self.pictures = box[:, 0, 0], image[:, box[..., 1], box[..., 0]]
+        sharp, self.use = _drawn(box, board, corners.places[self.fits], see)
+        self.drawn = _blurred(sharp, blur)
+
+    def steps(
+        self,
+        applied: Float[np.ndarray, "3 patches 2"] | None = None,
+        storage: JpegStorage | None = None,
+        share: Float[np.ndarray, "3"] | None = None,
+    ) -> tuple[Float[np.ndarray, "3 patches 2"], Float[np.ndarray, "3 patches"]]:
+        """Where each channel shows the corners, from where the board has them, and its contrast; NaN without one.
+
+        Args:
+            applied: in place of the channels the mean of all counts, moved so far in each.
+            storage: how these were compressed.
+            share: of each channel in the sum of their contrasts.
+        """
+        steps, contrast = np.full((3, len(self.use), 2), np.nan), np.full((3, len(self.use)), np.nan)
+        for k, (use, drawn) in enumerate(zip(self.use, self.drawn, strict=True)):
+            pictures = self.pictures[:, k]
+            if applied is not None and storage is not None and share is not None:
+                mean = pictures.mean(axis=0)
+                moved = [moved_by(mean, by[::-1], order=3, mode="nearest") for by in applied[:, k]]
+                window = (*self.first[k].tolist(), *drawn.shape[::-1])
+                numbers = storage.encode(3 * share[:, None, None] * np.array(moved))
+                pictures = storage._replace(window=window).compress(numbers)
+            for channel, picture in enumerate(pictures):
+                if fit := _shift(picture, drawn, use):
+                    steps[channel, k], _, contrast[channel, k] = fit
+        return steps, contrast
 
 
 def best_blur(

@@ -1,5 +1,6 @@
 """What the pixels of a photograph see of its board, directly and through the ball, for programs outside of JAX."""
 
+import dataclasses
 import functools
 from typing import Any
 
@@ -46,6 +47,16 @@ class Projection:
         for _ in range(6 if self.setup.liquid else 0):  # Nearly where they would be in air: each round is nearer.
             pixels = pixels + self._project(places) - self._project(self.directly(pixels).place)
         return pixels
+
+    def index_slope(self, pixels: PixelPlaces) -> PixelPlaces:
+        """How far places that pixels see through the glass move in the picture per unit of its index."""
+        glass, step = self.setup.glass, 2e-3  # About as much as colours differ.
+        ahead, behind = (
+            Projection(dataclasses.replace(self.setup, glass=dataclasses.replace(glass, ior=glass.ior + by)), self.size)
+            for by in (step, -step)
+        )
+        moved = (ahead.through(pixels).place - behind.through(pixels).place) / (2 * step)
+        return -np.linalg.solve(self._by("local_map", self.setup, pixels), moved[..., None])[..., 0]
 
     def _project(self, places: Float[np.ndarray, "n k"]) -> PixelPlaces:
         """The pixels of points, or of places of the board; about, if they lie in a liquid: they seem to be nearer."""

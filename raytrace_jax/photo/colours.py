@@ -1,0 +1,179 @@
+"""Dispersion from photographs: the corners of the board in red, green and blue.
+
+Camera, ball or tank, and ruler are common to the three, so that differences of the index follow from where each channel
+shows a corner, far better known than the index itself. What is seen directly tells how much larger the lens draws one
+colour than another (lateral colour); what is seen through the glass shows that and the difference of the index.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..images.jpeg import JpegStorage
+from .alignment import ColourPatches
+from .locate import Located
+
+WAVELENGTHS = ((600.0, 8.0), (540.0, 8.0), (460.0, 8.0))
+"""Mean wavelengths of a usual sensor's red, green and blue in daylight, with their standard deviations, in nm."""
+
+LINES = (587.5618, 486.1327, 656.2725)
+"""Helium's yellow line d and hydrogen's blue F and red C, in nm."""
+
+LEAST_CONTRAST = 0.05
+"""The least contrast of a channel, as a share of the largest, with which it shows corners."""
+
+
+class ColourDifferences(NamedTuple):
+    """How much the index of red, green and blue differs from that of their mean.
+
+    Args:
+        index, covariance: the differences.
+        lateral: by how many pixels each channel shows the picture's corner farther out than their mean.
+        scatter: of a corner, in pixels.
+    """
+
+    index: Float[np.ndarray, "3"]
+    covariance: Float[np.ndarray, "3 3"]
+    lateral: Float[np.ndarray, "3"]
+    scatter: float
+
+
+class Dispersion(NamedTuple):
+    """The index over the air's at the line d, and Abbe's number, with their covariance."""
+
+    n_d: float
+    abbe: float
+    covariance: Float[np.ndarray, "2 2"]
+
+    @property
+    def errors(self) -> Float[np.ndarray, "2"]:
+        """The standard deviations of both."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+
+def colour_differences(
+    image: Float[np.ndarray, "3 height width"], located: Located, storage: JpegStorage | None = None
+) -> ColourDifferences | None:
+    """Measure the corners of a photograph in each channel; None of a grey one, or of one with too few corners.
+
+    A JPEG whose colours have half the pixels pulls red and blue to grey. So patches of the photograph's mean, in which
+    each channel is shifted as was measured, are compressed as the file was and measured again: what that loses of their
+    shifts is added to the measured ones (indirect inference: Gourieroux, Monfort and Renault 1993).
+
+    Args:
+        image: scene-linear.
+        located: camera, ball or tank, and corners in the mean of its channels.
+        storage: how the file was compressed, if it was.
+    """
+    if np.array_equal(image[0], image[1]) and np.array_equal(image[1], image[2]):
+        return None
+    # The corners beside the glass and through it, and how the latter move with the index.
+    sight, groups = located.sight, (located.direct, located.through)
+    looks = zip(groups, (sight.directly, sight.through), strict=True)
+    patches = [ColourPatches(image, located.board, group, see, located.blur) for group, see in looks]
+    beside, behind = (group.where(each.fits) for group, each in zip(groups, patches, strict=True))
+    slopes = np.concatenate([np.zeros_like(beside.pixels), sight.index_slope(behind.pixels)])
+    steps, contrast = (np.concatenate(part, 1) for part in zip(*(each.steps() for each in patches), strict=True))
+    counts = np.isfinite(steps).all(axis=(0, 2))
+    share = np.nanmean(np.where(counts, contrast, np.nan), axis=1) if counts.any() else np.zeros(3)
+    if counts.sum() < 12 or counts[len(beside.pixels) :].sum() < 6 or not share.min() > LEAST_CONTRAST * share.max():
+        return None
+    share /= share.sum()
+    design = _design(np.concatenate([beside.pixels, behind.pixels]), slopes, located.size)
+    spread = np.concatenate([beside.spread, behind.spread])
+
+    def adjusted(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Numbers of the design, the covariance of the last of each channel, and the scatter."""
+        return _adjust((steps - np.tensordot(share, steps, 1))[:, counts], design[:, counts], spread[counts])
+
+    numbers, covariance, scatter = adjusted(steps)
+    for _ in range(2 if storage else 0):  # The first numbers are too small, and so is what is lost of them.
+        applied = np.einsum("cp,pni->cni", numbers, design)
+        parts = np.split(applied, [len(beside.pixels)], axis=1)
+        left = [each.steps(part, storage, share)[0] for each, part in zip(patches, parts, strict=True)]
+        lost = applied - np.concatenate(left, axis=1)
+        numbers, covariance, scatter = adjusted(steps + np.where(np.isfinite(lost), lost, 0.0))
+    return ColourDifferences(numbers[:, -1], covariance, numbers[:, 2] + numbers[:, 3], scatter)
+
+
+def _design(
+    pixels: Float[np.ndarray, "n 2"], slopes: Float[np.ndarray, "n 2"], size: tuple[int, int]
+) -> Float[np.ndarray, "5 n 2"]:
+    """How corners move in the picture with a lens's lateral colour, and with the index.
+
+    The rows are a shift along both axes, the scale, which is a pixel at the picture's corner, its growth with the
+    squared distance from the middle, and the index.
+    """
+    middle = (np.array(size) - 1) / 2
+    away = (pixels - middle) / np.linalg.norm(middle)
+    right, down = np.zeros((2, *pixels.shape))
+    right[:, 0], down[:, 1] = 1.0, 1.0
+    return np.stack([right, down, away, away * np.sum(away**2, axis=1, keepdims=True), slopes])
+
+
+def _adjust(
+    differences: Float[np.ndarray, "3 n 2"], design: Float[np.ndarray, "numbers n 2"], spread: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "3 numbers"], Float[np.ndarray, "3 3"], float]:
+    """Least squares of all channels with one design; corners beyond 2.5 times the usual miss count as in Huber's loss.
+
+    Channels err together: their covariance is that of their misses (seemingly unrelated regressions: Zellner 1962).
+    """
+    weight, rows = (np.median(spread) / spread) ** 2, design.reshape(len(design), -1)
+    count = differences.shape[1]
+    robust, numbers, misses = np.ones(count), np.zeros((3, len(rows))), differences
+    normal = np.eye(len(rows))
+    for _ in range(6):
+        both = np.repeat(weight * robust, 2)
+        normal = (rows * both) @ rows.T
+        numbers = np.linalg.solve(normal, (rows * both) @ differences.reshape(3, -1).T).T
+        misses = differences - np.einsum("cp,pni->cni", numbers, design)
+        lengths = np.sqrt(weight * np.max(np.sum(misses**2, axis=2), axis=0))
+        robust = np.minimum(1.0, 2.5 * np.median(lengths) / np.maximum(lengths, 1e-12))
+    scaled = misses * np.sqrt(weight * robust)[:, None]
+    among = np.einsum("cni,dni->cd", scaled, scaled) / max(2 * count - len(rows), 1)
+    return numbers, among * np.linalg.inv(normal)[-1, -1], float(np.sqrt(np.trace(among) / 3))
+
+
+def joined(each: Sequence[ColourDifferences]) -> ColourDifferences:
+    """The differences of one ball or liquid from several photographs, each with the weight of its variance."""
+    weight = np.array([1 / np.trace(one.covariance) for one in each])
+    weight /= weight.sum()
+    covariance = sum(w**2 * one.covariance for w, one in zip(weight, each, strict=True))
+    index, lateral = (weight @ np.array([getattr(one, name) for one in each]) for name in ("index", "lateral"))
+    return ColourDifferences(index, np.asarray(covariance), lateral, float(weight @ [one.scatter for one in each]))
+
+
+def dispersion(
+    index: tuple[float, float], differences: ColourDifferences, wavelengths: Sequence[tuple[float, float]] = WAVELENGTHS
+) -> Dispersion:
+    """The index at the line d and Abbe's number, from the index of the mean of the channels and their differences.
+
+    Between the channels the index follows one oscillator, `1 / (n^2 - 1) = a + b / lambda^2` (Wemple and DiDomenico
+    1971), by least squares with the errors of indices and wavelengths.
+
+    Args:
+        index: with its standard deviation.
+        wavelengths: the mean wavelength of each channel in nm, with its standard deviation.
+    """
+    n = index[0] + differences.index
+    length, deviation = np.array(wavelengths).T
+    covariance, rows = differences.covariance + index[1] ** 2, np.stack([np.ones(3), length**-2.0], axis=1)
+    y, slope = 1 / (n**2 - 1), -2 * n / (n**2 - 1) ** 2
+    a_b = np.linalg.lstsq(rows, y)[0]
+    of_y = covariance * np.outer(slope, slope) + np.diag((a_b[1] * 2 * length**-3.0 * deviation) ** 2)
+    precision = rows.T @ np.linalg.inv(of_y)
+    of_a_b = np.linalg.inv(precision @ rows)
+    a_b = of_a_b @ precision @ y
+
+    def lines(a_b: np.ndarray) -> np.ndarray:
+        d, f, c = np.sqrt(1 + 1 / (a_b[0] + a_b[1] * np.array(LINES) ** -2.0))
+        return np.array([d, (d - 1) / (f - c)])
+
+    steps = 1e-4 * np.diag(np.sqrt(np.diagonal(of_a_b)))
+    jacobian = np.stack([(lines(a_b + step) - lines(a_b - step)) / (2 * step.sum()) for step in steps], axis=1)
+    found, total = lines(a_b), jacobian @ of_a_b @ jacobian.T
+    # One oscillator misses Abbe's number of 1,672 glasses in catalogues by so much, rms.
+    total[1, 1] += (0.012 * found[1]) ** 2
+    return Dispersion(float(found[0]), float(found[1]), total)
