@@ -113,6 +113,7 @@ def run(number: int, case: str, folder: Path) -> dict:
     known = {"radius": (radius, radius * EXACT * 2**0.5)}
     (photograph,) = locate_together([photograph_of(image, f"room {number}")], board, known, lens).photographs
     located = photograph.located
+    assert located is not None, photograph.reason
     by_corners = located.ior
     made = pictures(truth, text, folder) if case in CASES[2:] else {}
     chain = Chain(**{**truth["chain"], "gains": tuple(truth["chain"]["gains"])})

@@ -180,7 +180,7 @@ def test_a_ball_is_found_beside_a_shadow(post, wide_board):
     (center, radius), (at, size) = (Projection(one, SIZE).outline for one in (wanted, found))
     assert np.hypot(*(at - center)) < 0.03 * radius
     assert abs(size / radius - 1) < 0.05, "the outline tells the distance to some per cent"
-    assert abs(found.ior - INDEX) < 0.2, "and with it where the index begins"
+    assert abs(found.glass.ior - INDEX) < 0.2, "and with it where the index begins"
 
 
 @pytest.mark.slow
