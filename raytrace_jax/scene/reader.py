@@ -1,7 +1,7 @@
 """The reader of `model.txt`: tokens, the grammar `keyword name { attribute values ... }`, and a file's way to a scene.
 
-Tokens are words between white space or in quotes, and braces. Where a word begins with `#` or `//`, a comment goes to the end of the
-line.
+Tokens are words between white space or in quotes, and braces. Where a word begins with `#` or `//`, a comment goes to
+the end of the line.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ from .table import BLOCK_TYPES
 CLOSING = "}"
 """A part of a block in a file, besides those that any row has."""
 
-_TOKEN = re.compile(r"(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|"[^"\r\n]*+"|[^\s{}]++|\Z")
+_TOKEN = re.compile(r'(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|"[^"\r\n]*+"|[^\s{}]++|\Z')
 
 
 class Token(NamedTuple):

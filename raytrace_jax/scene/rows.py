@@ -103,13 +103,10 @@ class Description:
 
     def _from_catalogue(self) -> Self:
         """The block with the indices of its glass in the place of the name. Raises the block's error."""
-        glass = self.values["glass"]
-        if not isinstance(glass, str):
-            raise self.error("glass", f"in {self}, {either(self.admit('glass'))}, {_got(glass)}.")
         if "ior" in self.values:
             raise self.error("glass", f"{self} has both ior and glass, which says the ior: leave one of them out.")
         with reworded(lambda reason: self.error("glass", sentence(f"in {self}, {reason}"))):
-            ior = tuple(map(float, named(glass).index(CHANNEL_WAVELENGTHS)))
+            ior = tuple(map(float, named(str(self.values["glass"])).index(CHANNEL_WAVELENGTHS)))
         return dataclasses.replace(self, values=self.values | {"ior": ior, "glass": None})
 
     def _value(self, name: str, attributes: list[Attribute], dtype: np.dtype) -> Any:
