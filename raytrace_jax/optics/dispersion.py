@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-Numbers = float | Sequence[float] | np.ndarray
+Numbers = float | Sequence[float | int] | np.ndarray
 
 LINE_D, LINE_F, LINE_C = LINES = (587.5618, 486.1327, 656.2725)
 """Helium's yellow line d and hydrogen's blue F and red C, in nanometres."""
@@ -17,7 +17,7 @@ CHANNEL_WAVELENGTHS = (610.0, 550.0, 465.0)
 """The wavelengths for which red, green and blue stand in a picture, in nanometres."""
 
 
-def formula_index(formula: int, coefficients: Sequence[float], wavelength: Numbers) -> np.ndarray:
+def formula_index(formula: int, coefficients: Sequence[float | int], wavelength: Numbers) -> np.ndarray:
     """The index by one of the formulas 1 to 9, of the shape of `wavelength`.
 
     1 and 2 are Sellmeier's (1871), 3 a polynomial of n^2, 4 their sum, 5 Cauchy's (1836), 6 that of gases, 7

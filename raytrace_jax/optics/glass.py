@@ -86,7 +86,7 @@ def find(
     Distances in errors of the index and of Abbe's number are added as squares.
 
     Args:
-        index: relative to vacuum or air, as the catalogue has it.
+        index: as the catalogue has it: of glasses relative to air, of some liquids to vacuum, 2.7e-4 more.
         error, abbe_error: standard deviations, greater than 0.
         abbe: Abbe's number V_d, with its error.
         at: the wavelength of the index, in nanometres.

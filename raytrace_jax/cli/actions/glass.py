@@ -45,10 +45,7 @@ def _print_material(material: glass.Glass) -> None:
     indices = {name: f"{material.index(wavelength):.6f}" for name, wavelength in nm.items()}
     rows = [(name, f"{nm[name]:g}", index) for name, index in indices.items()]
     print_table(f"{material}, V_d = {material.V_d:.2f}", ("line", "nm", "index"), rows)
-    print(
-        "\n# it in a scene: by one of these lines, the last of them by Cauchy's equation",
-        f'glass "{material}"',
-        sep="\n",
-    )
+    print("\n# one of these lines, in a scene's material; the last one by Cauchy's equation")
+    print(f'glass "{material}"')
     print("ior", *(indices[name] for name in CHANNELS))
     print(f"ior {indices['d']} abbe {material.V_d:.2f}")
