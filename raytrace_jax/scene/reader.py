@@ -26,7 +26,7 @@ from .table import BLOCK_TYPES
 CLOSING = "}"
 """A part of a block in a file, besides those that any row has."""
 
-_TOKEN = re.compile(r'(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|"[^"\r\n]*+"|[^\s{}]++|\Z')
+_TOKEN = re.compile(r'(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|"[^"{}\r\n]*+"(?=[\s{}]|\Z)|[^\s{}]++|\Z')
 
 
 class Token(NamedTuple):
