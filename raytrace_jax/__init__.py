@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .inverse.residual_function import covariance as covariance
     from .inverse.residual_function import make_residual as make_residual
     from .inverse.result import FitResult as FitResult
+    from .optics import glass as glass
     from .report.films import write_derivatives as write_derivatives
     from .report.films import write_film as write_film
     from .scene import build as build
@@ -69,7 +70,8 @@ def __getattr__(name: str) -> object:
     module = importlib.import_module(_public()[name], __name__)
     if name == "optics":  # A room that is public as a whole, as is a module of another.
         return module
-    value = importlib.import_module(".build", module.__name__) if name == "build" else getattr(module, name)
+    is_module = name in ("build", "glass")
+    value = importlib.import_module(f".{name}", module.__name__) if is_module else getattr(module, name)
     globals()[name] = value
     return value
 

@@ -55,6 +55,7 @@ COMMANDS = {
     "calibrate": Entry(fits.Calibrate, "photo"),
     "photo": Entry(fits.Photo, "photo"),
     "teach": Entry(scenes.Teach, "explain"),
+    "glass": Entry(scenes.Glass, "glass"),
     "export": Entry(scenes.Export, "scenes"),
     "import": Entry(scenes.Import, "scenes"),
     "new": Entry(scenes.New, "scenes"),

@@ -1,7 +1,7 @@
 """The reader of `model.txt`: tokens, the grammar `keyword name { attribute values ... }`, and a file's way to a scene.
 
-Tokens are words between white space, and braces. Where a word begins with `#` or `//`, a comment goes to the end of the
-line.
+Tokens are words between white space or in quotes, and braces. Where a word begins with `#` or `//`, a comment goes to
+the end of the line.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ from .table import BLOCK_TYPES
 CLOSING = "}"
 """A part of a block in a file, besides those that any row has."""
 
-_TOKEN = re.compile(r"(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|[^\s{}]++|\Z")
+_TOKEN = re.compile(r'(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|"[^"{}\r\n]*+"(?=[\s{}]|\Z)|[^\s{}]++|\Z')
 
 
 class Token(NamedTuple):
@@ -147,6 +147,8 @@ def _read_attribute(stream: TokenStream, block: FileBlock) -> None:
 
 def _read_value(text: str, attribute: Attribute) -> str | int | float:
     """A value of an attribute. Raises ValueError that says what is wrong with the text."""
+    if attribute.value_type == "glass" and text not in ("", "}"):
+        return text.strip('"')
     if attribute.is_text:
         if not is_name(text):
             raise ValueError(f"{quoted(text)} is none")

@@ -15,8 +15,10 @@ import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array, Float
 
-from ..errors import PictureError, RaytraceError, RaytraceWarning, SceneError
+from ..errors import PictureError, RaytraceError, RaytraceWarning, SceneError, reworded
 from ..images.pictures import read_whole_picture, states_colours
+from ..optics.dispersion import CHANNEL_WAVELENGTHS
+from ..optics.glass import named
 from ..util.compilation import refuse_fork
 from ..util.numerics import cast, is_traced, on_device, real_numbers
 from ..util.text import did_you_mean, listed, quoted, sentence
@@ -79,6 +81,8 @@ class Description:
 
         Raises the block's error: a value is wrong, something lacks or does not go together.
         """
+        if self.values.get("glass") is not None:
+            return self._from_catalogue().checked(dtype, model)
         kinds = self.kinds
         values = {name: self._value(name, _named(kinds, name), dtype) for name in self.values}
         missing = [[name for name in row.required(model) if name not in values] for row in kinds]
@@ -96,6 +100,14 @@ class Description:
             names, words = complaint
             raise self.error([name for name in self.values if name in names][-1], f"in {self}, {words}.")
         return dataclasses.replace(self, values=values)
+
+    def _from_catalogue(self) -> Self:
+        """The block with the indices of its glass in the place of the name. Raises the block's error."""
+        if "ior" in self.values:
+            raise self.error("glass", f"{self} has both ior and glass, which says the ior: leave one of them out.")
+        with reworded(lambda reason: self.error("glass", sentence(f"in {self}, {reason}"))):
+            ior = tuple(map(float, named(str(self.values["glass"])).index(CHANNEL_WAVELENGTHS)))
+        return dataclasses.replace(self, values=self.values | {"ior": ior, "glass": None})
 
     def _value(self, name: str, attributes: list[Attribute], dtype: np.dtype) -> Any:
         """One value as the scene has it: what its attribute is meant for, or anything if it is meant for nothing."""

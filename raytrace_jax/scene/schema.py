@@ -81,7 +81,8 @@ class Attribute(NamedTuple):
     Args:
         components: what its numbers are called, such as x y z; empty for a single value.
         value_type: what its values are. A `number` is continuous; all else is static: an `integer`, a `constant` (a
-            non-differentiable number), a `word` of some, the `name` of another block, a `file`.
+            non-differentiable number), a `word` of some, the `name` of another block, a `file`, a
+            `glass` of the catalogue.
         default: the values of a block that does not say; None if it has to say.
         model_defaults: the default under a model where it is another one.
         only: the models to which it means something; empty if all have it.
@@ -93,7 +94,7 @@ class Attribute(NamedTuple):
 
     name: str
     components: tuple[str, ...] = ()
-    value_type: Literal["number", "integer", "constant", "word", "name", "file"] = "number"
+    value_type: Literal["number", "integer", "constant", "word", "name", "file", "glass"] = "number"
     default: tuple[float, ...] | str | None = None
     model_defaults: Mapping[str, tuple[float, ...]] = {}
     only: tuple[ModelName, ...] = ()
@@ -127,7 +128,7 @@ class Attribute(NamedTuple):
 
     @property
     def is_text(self) -> bool:
-        return self.value_type in ("word", "name", "file")
+        return self.value_type in ("word", "name", "file", "glass")
 
     def takes(self, value: Any) -> bool:
         """Whether a value is of its type: the word is one of its own, or as many numbers, which may be traced."""
@@ -153,7 +154,8 @@ class Attribute(NamedTuple):
         if self.value_type == "word":
             return f"{self.name} is {' or '.join(self.choices)}"
         if self.is_text:
-            return f"{self.name} takes the name of a {self.name if self.value_type == 'name' else 'picture file'}"
+            what = {"file": "picture file", "glass": "material of the catalogue"}.get(self.value_type, self.name)
+            return f"{self.name} takes the name of a {what}"
         word = "whole number" if self.value_type == "integer" else "number"
         components = f" ({' '.join(self.components)})" if self.components else ""
         return f"{self.name} takes {self.value_count} {word}{'s' if self.value_count > 1 else ''}{components}"

@@ -268,9 +268,13 @@ class AbbeMaterials(Materials):
 
 
 class ChannelMaterials(Materials):
-    """Materials with an index of refraction for each channel."""
+    """Materials with an index of refraction for each channel.
+
+    A block may have the name of a `glass` in the place of `ior`; a scene has the indices alone, and None here.
+    """
 
     ior: Vectors = _index(RGB)
+    glass: tuple[None, ...] = attribute(value_type="glass", without="")
 
 
 class Planes(Shapes):

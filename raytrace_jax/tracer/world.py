@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..optics.dispersion import CHANNEL_WAVELENGTHS
 from ..scene.scene import Background, ChannelMaterials, PointLights, Scene, world_length
 from ..scene.setting_words import ModelName
 from ..scene.slabs import with_planes
@@ -109,7 +110,6 @@ def channel_indices(scene: Scene) -> Float[Array, "3 shapes"] | None:
         return None
     alike = jnp.broadcast_to(scene.materials.ior, (3, len(scene.materials.names)))
     dispersed = scene.abbe_materials
-    # Red, green and blue stand for one wavelength each, in nanometres.
-    by_abbe = jnp.stack([cauchy_index(dispersed.ior, dispersed.abbe, length) for length in (610.0, 550.0, 465.0)])
+    by_abbe = jnp.stack([cauchy_index(dispersed.ior, dispersed.abbe, length) for length in CHANNEL_WAVELENGTHS])
     every = jnp.concatenate([alike, by_abbe, scene.channel_materials.ior], axis=-1)
     return every[:, jnp.asarray(shape_materials(scene), jnp.int32)]

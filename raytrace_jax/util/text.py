@@ -99,6 +99,8 @@ PaperName = Literal["a4", "a3", "letter"]
 PAPERS: dict[PaperName, tuple[float, float]] = {"a4": (297.0, 210.0), "a3": (420.0, 297.0), "letter": (279.4, 215.9)}
 """Width and height of the papers that are printed on, in millimetres, lying on the longer side."""
 
+MaterialKind = Literal["glass", "liquid", "plastic", "crystal"]
+
 LENGTH = re.compile(rf"\s*({_NUMBER.pattern})\s*([A-Za-zµ]*)\s*")
 
 

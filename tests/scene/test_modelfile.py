@@ -35,6 +35,8 @@ def values_of(attribute, width):
     most = float(np.finfo(f"f{width // 8}").max)
     if attribute.value_type == "word":
         return st.sampled_from([*attribute.choices, *([None] if attribute.is_optional else [])])
+    if attribute.value_type == "glass":
+        return st.none()  # A scene has the indices, and a name in their place is tried elsewhere.
     if attribute.value_type == "integer":
         return st.integers(1, 64) | (st.none() if attribute.is_optional else st.nothing())
     if attribute.value_type == "constant":

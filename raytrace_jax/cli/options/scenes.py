@@ -11,6 +11,7 @@ from ...images import Transfer
 from ...report import GallerySet, LessonName
 from ...scene.setting_words import MAX_SAMPLES, EdgeMode, ModelName
 from ...util.checked import Wanted
+from ...util.text import MaterialKind
 from .. import options as shared
 
 FigureFormat = Literal["svg", "pdf"]
@@ -212,6 +213,26 @@ class Scenes(shared.CommandOptions):
 
     Example: raytrace-jax render glass_on_board -o ball.exr
     """
+
+
+class Glass(shared.CommandOptions):
+    """Say which glasses have an index of refraction, or what a glass has by its name.
+
+    An index with its error, as 1.5168+-0.0003, lists the materials within three errors, nearest first. A name, as N-BK7
+    or "SCHOTT N-BK7", prints indices and the lines for a scene. The catalogue is that of refractiveindex.info, offline
+    in the extra `glass`.
+
+    Example: raytrace-jax glass 1.5168+-0.0003 --abbe 64+-2
+    """
+
+    what: Annotated[Positional[str], arg(metavar="INDEX+-ERROR|NAME")] = ""
+    """The index with its standard deviation, or the name of a material."""
+    abbe: Annotated[str | None, arg(metavar="V+-ERROR")] = None
+    """Abbe's number V_d with its standard deviation, as 64+-2."""
+    at: Annotated[float | None, Wanted(metavar="NM", above=0)] = None
+    """The wavelength of the index, in nanometres, as 589.3 of sodium. Without it 587.56, helium's line d."""
+    kind: MaterialKind | None = None
+    """List materials of this kind alone."""
 
 
 class Export(shared.PictureCommand):
