@@ -106,8 +106,18 @@ class ColourPatches:
                 numbers = storage.encode(3 * share[:, None, None] * np.array(moved))
                 pictures = storage._replace(window=window).compress(numbers)
             for channel, picture in enumerate(pictures):
-                if fit := _shift(picture, drawn, use):
-                    steps[channel, k], _, contrast[channel, k] = fit
+                # Channels of a dispersive ball may lie pixels apart, and a step is right to a tenth of its length.
+                moved, total = drawn, np.zeros(2)
+                for _ in range(4):
+                    if (fit := _shift(picture, moved, use)) is None:
+                        total = np.full(2, np.nan)
+                        break
+                    total = total + np.clip(fit[0], -2, 2)
+                    contrast[channel, k] = fit[2]
+                    if np.max(np.abs(fit[0])) < 0.05:
+                        break
+                    moved = moved_by(drawn, total[::-1], order=3, mode="nearest")
+                steps[channel, k] = total
         return steps, contrast
 
 

@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..images.jpeg import JpegStorage
 from .alignment import ColourPatches
+from .geometry import Setup
 from .locate import Located
+from .sight import Projection
 
 WAVELENGTHS = ((600.0, 8.0), (540.0, 8.0), (460.0, 8.0))
 """Mean wavelengths of a usual sensor's red, green and blue in daylight, with their standard deviations, in nm."""
@@ -29,12 +31,12 @@ class ColourDifferences(NamedTuple):
     """How much the index of red, green and blue differs from that of their mean.
 
     Args:
-        index, covariance: the differences.
+        of_index, covariance: the differences.
         lateral: by how many pixels each channel shows the picture's corner farther out than their mean.
         scatter: of a corner, in pixels.
     """
 
-    index: Float[np.ndarray, "3"]
+    of_index: Float[np.ndarray, "3"]
     covariance: Float[np.ndarray, "3 3"]
     lateral: Float[np.ndarray, "3"]
     scatter: float
@@ -67,18 +69,22 @@ def colour_differences(
         located: camera, ball or tank, and corners in the mean of its channels.
         storage: how the file was compressed, if it was.
     """
-    if np.array_equal(image[0], image[1]) and np.array_equal(image[1], image[2]):
+    if not np.any(np.ptp(image, axis=0)):
         return None
     # The corners beside the glass and through it, and how the latter move with the index.
-    sight, groups = located.sight, (located.direct, located.through)
+    # A hundred corners beside it tell the lens's four numbers.
+    every = -(-len(located.direct.pixels) // 120) or 1
+    direct = located.direct.where(np.arange(len(located.direct.pixels)) % every == 0)
+    sight, groups = located.sight, (direct, located.through)
     looks = zip(groups, (sight.directly, sight.through), strict=True)
     patches = [ColourPatches(image, located.board, group, see, located.blur) for group, see in looks]
     beside, behind = (group.where(each.fits) for group, each in zip(groups, patches, strict=True))
     slopes = np.concatenate([np.zeros_like(beside.pixels), sight.index_slope(behind.pixels)])
     steps, contrast = (np.concatenate(part, 1) for part in zip(*(each.steps() for each in patches), strict=True))
-    counts = np.isfinite(steps).all(axis=(0, 2))
+    counts: Bool[np.ndarray, " n"] = np.all(np.isfinite(steps), axis=(0, 2))
     share = np.nanmean(np.where(counts, contrast, np.nan), axis=1) if counts.any() else np.zeros(3)
-    if counts.sum() < 12 or counts[len(beside.pixels) :].sum() < 6 or not share.min() > LEAST_CONTRAST * share.max():
+    is_enough = int(np.sum(counts)) >= 12 and int(np.sum(counts[len(beside.pixels) :])) >= 6
+    if not (is_enough and share.min() > LEAST_CONTRAST * share.max()):
         return None
     share /= share.sum()
     design = _design(np.concatenate([beside.pixels, behind.pixels]), slopes, located.size)
@@ -95,7 +101,18 @@ def colour_differences(
         left = [each.steps(part, storage, share)[0] for each, part in zip(patches, parts, strict=True)]
         lost = applied - np.concatenate(left, axis=1)
         numbers, covariance, scatter = adjusted(steps + np.where(np.isfinite(lost), lost, 0.0))
+    # All differences are in proportion to those that the geometry makes: where index and centre are off, so are they.
+    off = Projection(_off_by_an_error(located), located.size).index_slope(behind.pixels) - slopes[len(beside.pixels) :]
+    share_off = np.sum(off * slopes[len(beside.pixels) :]) / max(np.sum(slopes**2), 1e-300)
+    covariance = covariance + np.outer(numbers[:, -1], numbers[:, -1]) * share_off**2
     return ColourDifferences(numbers[:, -1], covariance, numbers[:, 2] + numbers[:, 3], scatter)
+
+
+def _off_by_an_error(located: Located) -> Setup:
+    """The set-up whose index is larger by its standard deviation, and whose other numbers follow."""
+    (index,) = located.setup.places("index")
+    column = located.covariance[:, index]
+    return located.setup.at(located.setup.vector + column / np.sqrt(max(column[index], 1e-300)))
 
 
 def _design(
@@ -108,8 +125,7 @@ def _design(
     """
     middle = (np.array(size) - 1) / 2
     away = (pixels - middle) / np.linalg.norm(middle)
-    right, down = np.zeros((2, *pixels.shape))
-    right[:, 0], down[:, 1] = 1.0, 1.0
+    right, down = (np.broadcast_to(axis, pixels.shape) for axis in np.eye(2))
     return np.stack([right, down, away, away * np.sum(away**2, axis=1, keepdims=True), slopes])
 
 
@@ -141,8 +157,8 @@ def joined(each: Sequence[ColourDifferences]) -> ColourDifferences:
     weight = np.array([1 / np.trace(one.covariance) for one in each])
     weight /= weight.sum()
     covariance = sum(w**2 * one.covariance for w, one in zip(weight, each, strict=True))
-    index, lateral = (weight @ np.array([getattr(one, name) for one in each]) for name in ("index", "lateral"))
-    return ColourDifferences(index, np.asarray(covariance), lateral, float(weight @ [one.scatter for one in each]))
+    of_index, lateral = (weight @ np.array([getattr(one, name) for one in each]) for name in ("of_index", "lateral"))
+    return ColourDifferences(of_index, np.asarray(covariance), lateral, float(weight @ [one.scatter for one in each]))
 
 
 def dispersion(
@@ -157,7 +173,7 @@ def dispersion(
         index: with its standard deviation.
         wavelengths: the mean wavelength of each channel in nm, with its standard deviation.
     """
-    n = index[0] + differences.index
+    n = index[0] + differences.of_index
     length, deviation = np.array(wavelengths).T
     covariance, rows = differences.covariance + index[1] ** 2, np.stack([np.ones(3), length**-2.0], axis=1)
     y, slope = 1 / (n**2 - 1), -2 * n / (n**2 - 1) ** 2

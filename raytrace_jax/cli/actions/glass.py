@@ -1,5 +1,7 @@
 """The command `glass`: which materials have an index, and what a material has."""
 
+from collections.abc import Sequence
+
 from ...optics import glass
 from ...optics.dispersion import CHANNEL_WAVELENGTHS, LINE_C, LINE_D, LINE_F
 from ...util.text import looks_like_number, parse_number, quoted, value_and_deviation
@@ -24,11 +26,15 @@ def _print_found(command: Glass) -> None:
     index, error = _with_error("INDEX", command.what, "1.5168+-0.0003")
     abbe, abbe_error = _with_error("--abbe", command.abbe, "64+-2") if command.abbe else (None, None)
     found = glass.find(index, error, abbe=abbe, abbe_error=abbe_error, at=command.at or LINE_D, kind=command.kind)
+    print_glasses(found, "1 material" if len(found) == 1 else f"{len(found)} materials")
+
+
+def print_glasses(found: Sequence[glass.Glass], count: str) -> None:
+    """Print the table of materials; `count` says how many they are."""
     heads = ("maker", "name", "n_d", "V_d", "errors", "other names")
     rows = [
         (g.maker, g.name, f"{g.n_d:.5f}", f"{g.V_d:.2f}", f"{g.deviations:.1f}", ", ".join(g.others)) for g in found
     ]
-    count = "1 material" if len(rows) == 1 else f"{len(rows)} materials"
     print_table(f"{count} within {glass.FARTHEST:g} errors", heads, rows)
 
 

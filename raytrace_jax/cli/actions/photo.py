@@ -17,6 +17,7 @@ from ...inverse.judge.model_check import Contradiction
 from ...inverse.result import estimate_table, last_word
 from ...photo.boards import CharucoBoard, read_board
 from ...photo.bundle import Measured
+from ...photo.colours import dispersion
 from ...photo.find_camera import calibrate
 from ...photo.flattened import Flattened, flatten
 from ...photo.lens import Turn, read_lens, uncalibrated, write_lens
@@ -39,6 +40,7 @@ from ..options.fits import Calibrate, Photo
 from ..preparation import check_file, check_folder
 from ..progress import FitProgress, Timer
 from .fit import NOT_CONVERGED, provenance
+from .photo_colours import colours_to_dict, measure_colours, print_colours, wavelengths_of
 from .photo_input import measured_of, photographs_in, warn_of_unmeasured
 
 
@@ -70,7 +72,7 @@ def run_photo(command: Photo) -> int:
     """Find cameras, ball or tank, and index; write sheets, numbers and scenes, with --fit also a fit's report."""
     if not command.photos:
         raise UsageError("PHOTO: no photograph came, and one or several are wanted.")
-    measured = measured_of(command)
+    measured, wavelengths = measured_of(command), wavelengths_of(command.wavelengths)
     _check_options(command)
     console, folder = stderr_console(quiet=command.quiet), command.output
     check_folder(folder)
@@ -89,6 +91,8 @@ def run_photo(command: Photo) -> int:
             raise PictureError("\n".join(result.reason for result in refused))
         light = [_light_of(command, *both) for both in zip(images, together.photographs, strict=True)]
         timer.took("corners")
+        colours = measure_colours(command.photos, images, together) if len(wavelengths) == 3 else None
+        total = dispersion(together.located[0].ior, colours, wavelengths) if colours else None
     for file, result in zip(files, together.photographs, strict=True):
         if result.reason and (result.discs or not result.is_bare):
             left = "tells of the lens alone" if result.is_bare else "is left out"
@@ -104,9 +108,17 @@ def run_photo(command: Photo) -> int:
             flat = flat if isinstance(flat, Flattened) else None
             with atomic_write(file) as temporary:
                 draw_photo_sheet(image, result.located, flat, command.long, otherwise).savefig(temporary)
+    if colours and total:
+        numbers["colours"] = colours_to_dict(colours, total, wavelengths)
     write_text(folder / "located.json", json_text(numbers))
     if not command.json:
         print_located(together, command.long)
+        if colours and total:
+            print_colours(colours, total, bool(command.tank), command.long)
+        elif len(wavelengths) == 1:
+            print(f"The index is that at {wavelengths[0][0]:g} nm.")
+        else:
+            print("The photographs show no colours apart: the index is that of their mean wavelength.")
     for no_light in light:
         if isinstance(no_light, PictureError):
             if command.fit:

@@ -224,6 +224,9 @@ class Photo(PhotoOptions):
     ruler: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
     """What the ruler of 100 mm on the board measures, as 99.9+-0.05mm: printers scale. Without it the ruler
     counts as 100+-0.1mm."""
+    wavelengths: Annotated[str | None, arg(metavar="R+-SD,G+-SD,B+-SD")] = None
+    """The mean wavelengths of the sensor's red, green and blue in nanometres, with standard deviations; without it
+    those of usual sensors in daylight, 600+-8,540+-8,460+-8. Of a lamp or screen of one colour its own, as 589."""
     ball: Annotated[tuple[int, int, int] | None, arg(metavar="X Y R")] = None
     """Where the ball is, if it is not found: the column and row of its middle and its radius, in pixels. Of one
     photograph."""

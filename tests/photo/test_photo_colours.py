@@ -1,0 +1,121 @@
+"""Dispersion from corners of a photograph in red, green and blue: of pictures that geometry draws, and of glasses."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from photographed_boards import SIZE, drawn, middles
+from PIL import Image
+from scipy import ndimage
+
+from raytrace_jax import glass, read_picture
+from raytrace_jax.cli.actions.photo_colours import wavelengths_of
+from raytrace_jax.cli.console import UsageError
+from raytrace_jax.images.jpeg import jpeg_storage
+from raytrace_jax.images.transfer import ENCODERS
+from raytrace_jax.photo.colours import WAVELENGTHS, ColourDifferences, colour_differences, dispersion, joined
+from raytrace_jax.photo.geometry import Ball, Camera, Setup
+from raytrace_jax.photo.locate import Located
+from raytrace_jax.photo.photograph import Corners
+from raytrace_jax.photo.sight import Projection
+
+APART = np.array([-3.6e-3, -0.9e-3, 4.5e-3])
+"""How much the index of each channel is off their mean: about that of a crown glass."""
+LATERAL = 0.6
+"""Pixels by which red is seen farther out than green at the picture's corner, and blue nearer."""
+BLUR = 0.8
+
+
+def corners_of(pixels, places, is_seen):
+    inside = is_seen & np.all((pixels > 25) & (pixels < np.array(SIZE) - 26), axis=1)
+    return Corners(pixels[inside], places[inside], np.full(inside.sum(), 0.03))
+
+
+@pytest.fixture(scope="module")
+def located(board):
+    """A camera straight before a board and a ball, whose numbers and corners are exact."""
+    camera = Camera(rotation=np.array([np.pi, 0, 0]), translation=np.array([2.0, -1.0, 262.0]), fov=35.0)
+    setup = Setup(camera, Ball(1.52, np.array([4.0, -3.0, 65.0]), 20.0))
+    sight = Projection(setup, SIZE)
+    center, radius = sight.outline
+    direct = sight.where(board.places)
+    through, _, is_seen = sight.where_through(board.places, board.half)
+    covariance = np.zeros((len(setup.numbers),) * 2)
+    covariance[setup.places("index"), setup.places("index")] = 1e-6
+    beside = corners_of(direct, board.places, np.linalg.norm(direct - center, axis=1) > radius + 20)
+    behind = corners_of(through, board.places, is_seen)
+    return Located(setup, covariance, (0.03, 0.03), beside, behind, board=board, size=SIZE, blur=BLUR)
+
+
+@pytest.fixture(scope="module")
+def image(board, located):
+    """What the camera sees with each channel's own index and scale, scene-linear."""
+    middle, channels = (np.array(SIZE) - 1) / 2, []
+    for apart, scale in zip(APART, (LATERAL, 0.0, -LATERAL), strict=True):
+        ball = dataclasses.replace(located.setup.glass, ior=located.setup.glass.ior + apart)
+        setup, light = dataclasses.replace(located.setup, glass=ball), 0.0
+        # What is seen in a pixel of a larger picture is seen nearer to its middle in the usual one.
+        pixels = middle + (middles() - middle) / (1 + scale / np.linalg.norm(middle))
+        for off in ((-0.375, -0.125), (-0.125, 0.375), (0.125, -0.375), (0.375, 0.125)):
+            light = light + drawn(board, setup.beside, pixels + np.array(off), [setup]) / 4
+        channels.append(ndimage.gaussian_filter(light, BLUR))
+    return 0.8 * np.stack(channels)
+
+
+def stored(image, path, **how):
+    Image.fromarray(np.moveaxis(ENCODERS["srgb"](image), 0, -1)).save(path, quality=92, **how)
+    return read_picture(path), jpeg_storage(path)
+
+
+def test_the_index_of_each_colour_is_read(image, located):
+    found = colour_differences(image, located)
+    np.testing.assert_allclose(found.of_index, APART, atol=1.5e-4)
+    np.testing.assert_allclose(found.lateral, [LATERAL, 0, -LATERAL], atol=0.05)
+    assert abs(found.of_index.sum()) < 1e-4 and np.all(np.linalg.eigvalsh(found.covariance) > -1e-15)
+
+
+def test_what_a_jpeg_did_to_its_colours_is_undone(image, located, tmp_path):
+    """Half the colours' pixels take a third of the differences away."""
+    read, storage = stored(image, tmp_path / "half.jpg", subsampling=2)
+    assert storage.subsampling == 2
+    raw, found = colour_differences(read, located), colour_differences(read, located, storage)
+    assert abs(raw.of_index[2] / APART[2]) < 0.85, "the case is worth testing"
+    np.testing.assert_allclose(found.of_index, APART, atol=4e-4)
+    np.testing.assert_allclose(found.lateral, [LATERAL, 0, -LATERAL], atol=0.1)
+
+
+def test_a_grey_picture_tells_no_colours(image, located):
+    assert colour_differences(np.repeat(image[:1], 3, axis=0), located) is None
+    assert colour_differences(image * np.array([1, 1, 0.01])[:, None, None], located) is None, "it has no blue"
+
+
+@pytest.mark.parametrize(("name", "off"), [("N-BK7", 0.03), ("N-SF66", 0.04), ("S-FPL53", 0.04), ("SCHOTT F2", 0.03)])
+def test_abbes_number_follows_from_three_indices(name, off):
+    material = glass.named(name)
+    exact = [(wavelength, 1e-3) for wavelength, _ in WAVELENGTHS]
+    index = np.array([float(material.index(wavelength)) for wavelength, _ in exact])
+    differences = ColourDifferences(index - index.mean(), 1e-14 * np.eye(3), np.zeros(3), 0.0)
+    found = dispersion((index.mean(), 1e-6), differences, exact)
+    assert found.n_d == pytest.approx(material.n_d, abs=2e-4)
+    assert found.abbe == pytest.approx(material.V_d, rel=off) and found.errors[1] < 0.02 * found.abbe
+    # The wavelengths of a usual sensor are known to some nanometres, which is a tenth of Abbe's number.
+    usual = dispersion((index.mean(), 1e-6), differences)
+    assert 0.07 < usual.errors[1] / usual.abbe < 0.1
+
+
+def test_photographs_of_one_ball_count_by_their_errors():
+    near, far = (
+        ColourDifferences(APART + off, error**2 * np.eye(3), np.zeros(3), 0.01)
+        for off, error in ((0, 1e-4), (3e-4, 3e-4))
+    )
+    both = joined([near, far])
+    np.testing.assert_allclose(both.of_index, APART + 3e-5, rtol=1e-9)
+    assert both.covariance[0, 0] == pytest.approx(0.9e-8)
+
+
+def test_wavelengths_are_read_or_refused():
+    assert wavelengths_of(None) == WAVELENGTHS and wavelengths_of("589") == [(589.0, 0.0)]
+    assert wavelengths_of("610+-5,550,465+-2") == [(610.0, 5.0), (550.0, 0.0), (465.0, 2.0)]
+    for text in ("610,550", "0.6,0.5,0.4", "red,green,blue", "589+-"):
+        with pytest.raises(UsageError, match=r"--wavelengths: .* nanometres are wanted"):
+            wavelengths_of(text)
