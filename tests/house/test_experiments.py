@@ -64,6 +64,7 @@ MADE += ("mutations/mutations.json", "pieces/slow.json")
 
 NEEDS_OTHER_PROGRAMS = {
     "camera/pictures.py": "povray",
+    "photograph/colours.py": "povray",
     "photograph/lab.py": "povray",
     "photograph/light.py": "povray",
     "photograph/rooms.py": "povray",
