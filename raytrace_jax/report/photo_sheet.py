@@ -35,8 +35,8 @@ def draw_photo_sheet(
     as 1.5187 ± 0.0011 in place of 1.5187(11). `otherwise` is what the photograph contradicts.
     """
     is_ball = isinstance(located.setup.glass, Ball)
-    figure = Figure(figsize=(13.0, 8.2 if is_ball else 4.8), dpi=130, layout="constrained")
-    axes = figure.subplot_mosaic("aab;cde" if is_ball else "aab", width_ratios=(1, 1, 1.1))
+    figure = Figure(figsize=(13.0, 8.2 if flat else 4.8), dpi=130, layout="constrained")
+    axes = figure.subplot_mosaic("aab;cde" if flat else "aab", width_ratios=(1, 1, 1.1))
     discs = [Disc(*located.sight.outline)] if is_ball else []
     _draw_taken(axes, image, located.direct, located.through, discs)
     direct, through = len(located.direct.pixels), len(located.through.pixels)
@@ -44,11 +44,8 @@ def draw_photo_sheet(
     what = "glass" if is_ball else "tank"
     axes["b"].set_title(f"{through} corners through the {what} (red), scatter {located.sigma[1]:.3f} px", fontsize=9)
 
-    if flat is not None:
+    if flat:
         _draw_light(axes, located, flat)
-    else:
-        for name in axes.keys() - {"a", "b"}:
-            axes[name].set_visible(False)
     remove_ticks(axes[name] for name in axes if name != "c")
     letter_panels(axes.values())
     title = [f"index from the corners: {estimate_line(*located.ior, long)}"]
