@@ -54,6 +54,11 @@ class Dispersion(NamedTuple):
         """The standard deviations of both."""
         return np.sqrt(np.diagonal(self.covariance))
 
+    @property
+    def is_told(self) -> bool:
+        """Whether the colours tell a dispersion, by three errors of Abbe's number."""
+        return 3 * self.errors[1] < self.abbe
+
 
 def colour_differences(
     image: Float[np.ndarray, "3 height width"], located: Located, storage: JpegStorage | None = None
@@ -182,23 +187,30 @@ def dispersion(
         index: with its standard deviation.
         wavelengths: the mean wavelength of each channel in nm, with its standard deviation.
     """
-    n = index[0] + differences.of_index
     length, deviation = np.array(wavelengths).T
-    covariance, rows = differences.covariance + index[1] ** 2, np.stack([np.ones(3), length**-2.0], axis=1)
-    y, slope = 1 / (n**2 - 1), -2 * n / (n**2 - 1) ** 2
-    a_b = np.linalg.lstsq(rows, y)[0]
-    of_y = covariance * np.outer(slope, slope) + np.diag((a_b[1] * 2 * length**-3.0 * deviation) ** 2)
-    precision = rows.T @ np.linalg.inv(of_y)
-    of_a_b = np.linalg.inv(precision @ rows)
-    a_b = of_a_b @ precision @ y
+    rows = np.stack([np.ones(3), length**-2.0], axis=1)
+    # The error of the index is common to the channels, and says nothing of their differences: those alone weigh them.
+    covariance = differences.covariance + 1e-5**2 * np.eye(3)
+
+    def oscillator(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A and b with their covariance, but for what all channels have in common."""
+        y, slope = 1 / (n**2 - 1), -2 * n / (n**2 - 1) ** 2
+        b = np.linalg.lstsq(rows, y)[0][1]
+        of_y = covariance * np.outer(slope, slope) + np.diag((b * 2 * length**-3.0 * deviation) ** 2)
+        precision = rows.T @ np.linalg.inv(of_y)
+        of_a_b = np.linalg.inv(precision @ rows)
+        return of_a_b @ precision @ y, of_a_b
 
     def lines(a_b: np.ndarray) -> np.ndarray:
         d, f, c = np.sqrt(1 + 1 / (a_b[0] + a_b[1] * np.array(LINES) ** -2.0))
-        return np.array([d, (d - 1) / (f - c)])
+        return np.array([d, (d - 1) / (f - c) if f != c else np.inf])
 
+    n = index[0] + differences.of_index
+    a_b, of_a_b = oscillator(n)
     steps = 1e-4 * np.diag(np.sqrt(np.diagonal(of_a_b)))
     jacobian = np.stack([(lines(a_b + step) - lines(a_b - step)) / (2 * step.sum()) for step in steps], axis=1)
-    found, total = lines(a_b), jacobian @ of_a_b @ jacobian.T
+    common = (lines(oscillator(n + index[1])[0]) - lines(oscillator(n - index[1])[0])) / 2
+    found, total = lines(a_b), jacobian @ of_a_b @ jacobian.T + np.outer(common, common)
     # One oscillator misses Abbe's number of 1,672 glasses in catalogues by so much, rms.
     total[1, 1] += (0.012 * found[1]) ** 2
     return Dispersion(float(found[0]), float(found[1]), total)

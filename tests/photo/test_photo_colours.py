@@ -103,6 +103,17 @@ def test_abbes_number_follows_from_three_indices(name, off):
     assert 0.07 < usual.errors[1] / usual.abbe < 0.1
 
 
+def test_an_index_that_is_not_known_well_stays_where_it_is():
+    """Its error is common to the channels: misses of their differences must not move it."""
+    exact = [(wavelength, 1e-3) for wavelength, _ in WAVELENGTHS]
+    for apart in (np.array([1e-4, -2e-4, 1e-4]), np.zeros(3), APART):
+        differences = ColourDifferences(apart, 1e-8 * np.eye(3), np.zeros(3), 0.0)
+        for wavelengths in (exact, WAVELENGTHS):
+            found = dispersion((1.592, 0.024), differences, wavelengths)
+            assert abs(found.n_d - 1.592) < 4e-3 and found.errors[0] == pytest.approx(0.024, rel=0.05)
+            assert found.is_told == (apart is APART)
+
+
 def test_photographs_of_one_ball_count_by_their_errors():
     near, far = (
         ColourDifferences(APART + off, error**2 * np.eye(3), np.zeros(3), 0.01)

@@ -71,10 +71,14 @@ def print_colours(differences: ColourDifferences, total: Dispersion, is_liquid: 
     """Print index and Abbe's number, and the materials of the catalogue that have them, if it is installed."""
     red, _, blue = differences.of_index
     spread = np.sqrt(np.array([-1, 0, 1]) @ differences.covariance @ np.array([-1, 0, 1]))
+    apart = with_error(float(blue - red), float(spread), long)
+    if not total.is_told:
+        print(f"The colours tell no dispersion: the index of blue less that of red is {apart}.")
+        return
     rows = [
         ("index at 587.6 nm", with_error(total.n_d, float(total.errors[0]), long)),
         ("Abbe's number", with_error(total.abbe, float(total.errors[1]), long)),
-        ("index of blue less that of red", with_error(float(blue - red), float(spread), long)),
+        ("index of blue less that of red", apart),
     ]
     print_table("from the colours", ("number", "estimate"), rows)
     (index_error, abbe_error), (n_d, abbe) = total.errors.tolist(), (total.n_d, total.abbe)
