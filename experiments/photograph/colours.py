@@ -26,8 +26,9 @@ from chain import Chain, exposure, noisy, srgb  # noqa: E402
 
 from raytrace_jax import enable_compile_cache, glass, read_picture  # noqa: E402
 from raytrace_jax.images.jpeg import jpeg_storage  # noqa: E402
+from raytrace_jax.optics.dispersion import dispersion  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
-from raytrace_jax.photo.colours import WAVELENGTHS, colour_differences, dispersion  # noqa: E402
+from raytrace_jax.photo.colours import WAVELENGTHS, colour_differences  # noqa: E402
 from raytrace_jax.photo.lens import uncalibrated  # noqa: E402
 from raytrace_jax.photo.locate import locate_together  # noqa: E402
 from raytrace_jax.photo.photograph import photograph_of  # noqa: E402
@@ -80,7 +81,7 @@ def row(number: int, folder: Path) -> str:
     differences = colour_differences(image, result.located, storage)
     assert differences is not None and storage is not None
     seconds = time.monotonic() - corners
-    found = dispersion(result.located.ior, differences)
+    found = dispersion(*differences.indices(result.located.ior), WAVELENGTHS)
     (n_error, abbe_error), name = found.errors, truth["glass"]
     materials = glass.find(found.n_d, n_error, abbe=found.abbe, abbe_error=abbe_error)
     solid = [material for material in materials if material.kind != "liquid"]

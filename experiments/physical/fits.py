@@ -59,6 +59,8 @@ TINTED = before_board(replace(BALL, material=glass(1.5168, absorption=(0.1, 0.3,
 CROWN = before_board(replace(BALL, material=glass(1.473)))
 CHANNELS = before_board(replace(BALL, material=glass(FLINT)))
 DISPERSIVE = before_board(replace(BALL, material=glass(1.6200, abbe=36.4)))
+SF11 = before_board(replace(BALL, material=glass((1.781498, 1.791155, 1.813442))), eye=replace(EYE, pixeldim=(80, 60)))
+"""SCHOTT's N-SF11 of the catalogue: `fit_flint.exr` of `tests/physical_pictures`."""
 SMALL = before_board(BALL, eye=replace(EYE, pixeldim=(80, 60)))
 NEAR = MappingProxyType({"m1.ior": 1.51, "s1.center": (0.125, -0.075, 0.155)})
 

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import html
+import itertools
 import math
 import os
 from collections.abc import Iterable
@@ -12,10 +13,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..errors import ParameterError
+from ..optics.dispersion import Dispersion
 from ..scene.scene import Scene
 from ..tracer.settings import ResolvedSettings
 from ..util.digits import value_and_error, with_error
 from ..util.text import aligned, did_you_mean, listed
+from .dispersion import dispersion_words, fitted_dispersions
 from .judge.model_check import Dependence, ModelCheck
 from .judge.uncertainty import Uncertainty, correlation_of
 from .result_file import load_record
@@ -242,6 +245,17 @@ class FitResult:
         return dependence.words if dependence else ""
 
     @property
+    def dispersions(self) -> dict[str, Dispersion]:
+        """Index at 587.56 nm and Abbe's number by name of each material whose `abbe` or three indices were free."""
+        return fitted_dispersions(self.scene, self.names, self.uncertainty.covariance + self.check.covariance)
+
+    @property
+    def which_glass(self) -> list[str]:
+        """A sentence for each of `dispersions` that is told, with the catalogue's names, of a fit that converged."""
+        found = self.dispersions if self.status == "converged" else {}
+        return [words for words in itertools.starmap(dispersion_words, found.items()) if words]
+
+    @property
     def labels(self) -> tuple[str, ...]:
         """The names as people read them, see `Estimate`."""
         return tuple(estimate.label for estimate in self.parameters.values())
@@ -342,8 +356,9 @@ def estimate_table(estimates: Iterable[Estimate], long: bool = False) -> tuple[l
 
 
 def last_word(result: FitResult) -> str:
-    """The fit's ending, its reason, advice, and what the answer rests on, a sentence each."""
-    sentences = f"{result.status}: {result.message}", as_sentence(result.advice), as_sentence(result.rests_on)
+    """The fit's ending, its reason, advice, what the answer rests on, and which glass it is, a sentence each."""
+    sentences = [f"{result.status}: {result.message}", as_sentence(result.advice), as_sentence(result.rests_on)]
+    sentences += result.which_glass
     return " ".join(f"{words.rstrip('.')}." for words in sentences if words)
 
 

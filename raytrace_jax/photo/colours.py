@@ -20,9 +20,6 @@ from .sight import Projection
 WAVELENGTHS = ((600.0, 8.0), (540.0, 8.0), (460.0, 8.0))
 """Mean wavelengths of a usual sensor's red, green and blue in daylight, with their standard deviations, in nm."""
 
-LINES = (587.5618, 486.1327, 656.2725)
-"""Helium's yellow line d and hydrogen's blue F and red C, in nm."""
-
 LEAST_CONTRAST = 0.05
 """The least contrast of a channel, as a share of the largest, with which it shows corners."""
 
@@ -41,23 +38,9 @@ class ColourDifferences(NamedTuple):
     lateral: Float[np.ndarray, "3"]
     scatter: float
 
-
-class Dispersion(NamedTuple):
-    """The index over the air's at the line d, and Abbe's number, with their covariance."""
-
-    n_d: float
-    abbe: float
-    covariance: Float[np.ndarray, "2 2"]
-
-    @property
-    def errors(self) -> Float[np.ndarray, "2"]:
-        """The standard deviations of both."""
-        return np.sqrt(np.diagonal(self.covariance))
-
-    @property
-    def is_told(self) -> bool:
-        """Whether the colours tell a dispersion, by three errors of Abbe's number."""
-        return 3 * self.errors[1] < self.abbe
+    def indices(self, mean: tuple[float, float]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
+        """The index of each channel and their covariance, of a mean index with its standard deviation."""
+        return mean[0] + self.of_index, mean[1] ** 2 + self.covariance
 
 
 def colour_differences(
@@ -173,44 +156,3 @@ def joined(each: Sequence[ColourDifferences]) -> ColourDifferences:
     covariance = sum(w**2 * one.covariance for w, one in zip(weight, each, strict=True))
     of_index, lateral = (weight @ np.array([getattr(one, name) for one in each]) for name in ("of_index", "lateral"))
     return ColourDifferences(of_index, np.asarray(covariance), lateral, float(weight @ [one.scatter for one in each]))
-
-
-def dispersion(
-    index: tuple[float, float], differences: ColourDifferences, wavelengths: Sequence[tuple[float, float]] = WAVELENGTHS
-) -> Dispersion:
-    """The index at the line d and Abbe's number, from the index of the mean of the channels and their differences.
-
-    Between the channels the index follows one oscillator, `1 / (n^2 - 1) = a + b / lambda^2` (Wemple and DiDomenico
-    1971), by least squares with the errors of indices and wavelengths.
-
-    Args:
-        index: with its standard deviation.
-        wavelengths: the mean wavelength of each channel in nm, with its standard deviation.
-    """
-    length, deviation = np.array(wavelengths).T
-    rows = np.stack([np.ones(3), length**-2.0], axis=1)
-    # The error of the index is common to the channels, and says nothing of their differences: those alone weigh them.
-    covariance = differences.covariance + 1e-5**2 * np.eye(3)
-
-    def oscillator(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A and b with their covariance, but for what all channels have in common."""
-        y, slope = 1 / (n**2 - 1), -2 * n / (n**2 - 1) ** 2
-        b = np.linalg.lstsq(rows, y)[0][1]
-        of_y = covariance * np.outer(slope, slope) + np.diag((b * 2 * length**-3.0 * deviation) ** 2)
-        precision = rows.T @ np.linalg.inv(of_y)
-        of_a_b = np.linalg.inv(precision @ rows)
-        return of_a_b @ precision @ y, of_a_b
-
-    def lines(a_b: np.ndarray) -> np.ndarray:
-        d, f, c = np.sqrt(1 + 1 / (a_b[0] + a_b[1] * np.array(LINES) ** -2.0))
-        return np.array([d, (d - 1) / (f - c) if f != c else np.inf])
-
-    n = index[0] + differences.of_index
-    a_b, of_a_b = oscillator(n)
-    steps = 1e-4 * np.diag(np.sqrt(np.diagonal(of_a_b)))
-    jacobian = np.stack([(lines(a_b + step) - lines(a_b - step)) / (2 * step.sum()) for step in steps], axis=1)
-    common = (lines(oscillator(n + index[1])[0]) - lines(oscillator(n - index[1])[0])) / 2
-    found, total = lines(a_b), jacobian @ of_a_b @ jacobian.T + np.outer(common, common)
-    # One oscillator misses Abbe's number of 1,672 glasses in catalogues by so much, rms.
-    total[1, 1] += (0.012 * found[1]) ** 2
-    return Dispersion(float(found[0]), float(found[1]), total)

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..optics.dispersion import CHANNEL_WAVELENGTHS
+from ..optics.dispersion import CHANNEL_WAVELENGTHS, cauchy_index
 from ..scene.scene import Background, ChannelMaterials, PointLights, Scene, world_length
 from ..scene.setting_words import ModelName
 from ..scene.slabs import with_planes
 from ..scene.table import BLOCK_TYPES
-from .geometry.rays import Number, Scalars
+from .geometry.rays import Number
 from .geometry.shape_types import repeated, scene_shapes, shape_materials
 from .geometry.shapes import Shapes
 from .settings import ResolvedSettings
@@ -88,20 +88,6 @@ def material_property(scene: Scene, name: str) -> Float[Array, "*components mate
         values = getattr(group, name)
         found.append(values[LINE_CHANNEL] if name == "ior" and isinstance(group, ChannelMaterials) else values)
     return found[0] if len(found) == 1 else jnp.concatenate(found, axis=-1)
-
-
-def cauchy_index(n_d: Scalars, abbe: Scalars, wavelength: float) -> Scalars:
-    """The index of refraction by Cauchy's equation, `n(lambda) = A + B / lambda^2`.
-
-    The index n_d at the helium line d and Abbe's number `V = (n_d - 1) / (n_F - n_C)` give both constants:
-
-        n(lambda) = n_d + B (1 / lambda^2 - 1 / lambda_d^2),    B = (n_d - 1) / (V (1 / lambda_F^2 - 1 / lambda_C^2)).
-
-    The wavelength is in nanometres. (Cauchy 1836; Born and Wolf, "Principles of Optics", 2.3.4.)
-    """
-    line_d, line_f, line_c = 587.56, 486.13, 656.27  # Fraunhofer's lines in nanometres.
-    b = (n_d - 1) / (abbe * (line_f**-2 - line_c**-2))
-    return n_d + b * (wavelength**-2 - line_d**-2)
 
 
 def channel_indices(scene: Scene) -> Float[Array, "3 shapes"] | None:

@@ -7,6 +7,7 @@ import pytest
 from physical_scenes import Camera, Checker, Material, Rectangle, Scene, Sphere, scene_text
 
 from raytrace_jax import FitOptions, RenderSettings, fit, load_scene, parse_scene, read_picture, set_parameters
+from raytrace_jax.inverse.result import last_word
 
 DATA = Path(__file__).parents[2] / "data"
 PICTURES = Path(__file__).parents[1] / "physical_pictures"
@@ -37,6 +38,27 @@ def test_the_index_is_read_within_its_error():
     assert result.status == "converged" and result.target_samples == 8, result.message
     assert off[0] < 2e-5 and off.max() < 6e-5
     assert in_errors.max() < 3
+
+
+@pytest.mark.slow
+@pytest.mark.optimized
+@pytest.mark.parametrize("by_abbe", [True, False])
+def test_the_glass_of_a_dispersive_ball_is_named(by_abbe):
+    """POV-Ray's N-SF11, by the catalogue's index in each channel: n_d 1.78472, V_d 25.68."""
+    start = {"m1.ior": 1.78, "m1.abbe": 30} if by_abbe else {"m1.ior": (1.78, 1.79, 1.8)}
+    ball = Material(transmission=1, ior=1.7, abbe=40) if by_abbe else Material(transmission=1, ior=(1.7, 1.7, 1.7))
+    eye = Camera(SIZE, (0, 0, 5), (0, 0, 0), (0, 1, 0), 40)
+    shapes = [BOARD, Sphere(ball, (0.123, -0.073, 0.153), 1)]
+    described = Scene(eye, shapes, radiance=(0.05, 0.06, 0.08), max_bounces=12, least_weight=1e-6)
+    scene = set_parameters(parse_scene(scene_text(described)), start)
+    options = FitOptions(search=False)
+    target = read_picture(PICTURES / "fit_flint.exr")
+    result = fit(scene, target, [*start, "s1.center"], RenderSettings(size=SIZE), options=options)
+    found = result.dispersions["m1"]
+    assert result.status == "converged", result.message
+    assert found.n_d == pytest.approx(1.78472, abs=3e-4) and abs(found.abbe - 25.68) < 2 * found.errors[1] < 1.0
+    words = last_word(result)
+    assert "N-SF11" in words and "V_d 25." in words and words.endswith(f"{result.which_glass[0]}.")
 
 
 @pytest.mark.slow

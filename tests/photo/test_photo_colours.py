@@ -13,7 +13,8 @@ from raytrace_jax.cli.actions.photo_colours import wavelengths_of
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.images.jpeg import jpeg_storage
 from raytrace_jax.images.transfer import ENCODERS
-from raytrace_jax.photo.colours import WAVELENGTHS, ColourDifferences, colour_differences, dispersion, joined
+from raytrace_jax.optics.dispersion import dispersion
+from raytrace_jax.photo.colours import WAVELENGTHS, ColourDifferences, colour_differences, joined
 from raytrace_jax.photo.geometry import Ball, Camera, Setup
 from raytrace_jax.photo.locate import Located
 from raytrace_jax.photo.photograph import Corners
@@ -95,11 +96,11 @@ def test_abbes_number_follows_from_three_indices(name, off):
     exact = [(wavelength, 1e-3) for wavelength, _ in WAVELENGTHS]
     index = np.array([float(material.index(wavelength)) for wavelength, _ in exact])
     differences = ColourDifferences(index - index.mean(), 1e-14 * np.eye(3), np.zeros(3), 0.0)
-    found = dispersion((index.mean(), 1e-6), differences, exact)
+    found = dispersion(*differences.indices((index.mean(), 1e-6)), exact)
     assert found.n_d == pytest.approx(material.n_d, abs=2e-4)
     assert found.abbe == pytest.approx(material.V_d, rel=off) and found.errors[1] < 0.02 * found.abbe
     # The wavelengths of a usual sensor are known to some nanometres, which is a tenth of Abbe's number.
-    usual = dispersion((index.mean(), 1e-6), differences)
+    usual = dispersion(*differences.indices((index.mean(), 1e-6)), WAVELENGTHS)
     assert 0.07 < usual.errors[1] / usual.abbe < 0.1
 
 
@@ -109,7 +110,7 @@ def test_an_index_that_is_not_known_well_stays_where_it_is():
     for apart in (np.array([1e-4, -2e-4, 1e-4]), np.zeros(3), APART):
         differences = ColourDifferences(apart, 1e-8 * np.eye(3), np.zeros(3), 0.0)
         for wavelengths in (exact, WAVELENGTHS):
-            found = dispersion((1.592, 0.024), differences, wavelengths)
+            found = dispersion(*differences.indices((1.592, 0.024)), wavelengths)
             assert abs(found.n_d - 1.592) < 4e-3 and found.errors[0] == pytest.approx(0.024, rel=0.05)
             assert found.is_told == (apart is APART)
 

@@ -15,9 +15,9 @@ from ...images.pictures import is_photograph
 from ...inverse.estimate import fit
 from ...inverse.judge.model_check import Contradiction
 from ...inverse.result import estimate_table, last_word
+from ...optics.dispersion import dispersion
 from ...photo.boards import CharucoBoard, read_board
 from ...photo.bundle import Measured
-from ...photo.colours import dispersion
 from ...photo.find_camera import calibrate
 from ...photo.flattened import Flattened, flatten
 from ...photo.lens import Turn, read_lens, uncalibrated, write_lens
@@ -92,7 +92,7 @@ def run_photo(command: Photo) -> int:
         light = [_light_of(command, *both) for both in zip(images, together.photographs, strict=True)]
         timer.took("corners")
         colours = measure_colours(command.photos, images, together) if len(wavelengths) == 3 else None
-        total = dispersion(together.located[0].ior, colours, wavelengths) if colours else None
+        total = dispersion(*colours.indices(together.located[0].ior), wavelengths) if colours else None
     for file, result in zip(files, together.photographs, strict=True):
         if result.reason and (result.discs or not result.is_bare):
             left = "tells of the lens alone" if result.is_bare else "is left out"

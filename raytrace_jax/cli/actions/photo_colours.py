@@ -10,7 +10,8 @@ from ...errors import RaytraceError
 from ...images.jpeg import jpeg_storage
 from ...images.pictures import is_jpeg
 from ...optics import glass
-from ...photo.colours import WAVELENGTHS, ColourDifferences, Dispersion, colour_differences, joined
+from ...optics.dispersion import Dispersion
+from ...photo.colours import WAVELENGTHS, ColourDifferences, colour_differences, joined
 from ...photo.locate import Together
 from ...util.digits import with_error
 from ...util.text import quoted, value_and_deviation

@@ -138,6 +138,7 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
         "sensitivity": {a.name: dict(zip(result.names, a.sensitivity, strict=True)) for a in check.assumptions},
         "uncertain": {a.name: a.uncertainty for a in check.assumptions if a.uncertainty},
         "causes": [cause._asdict() | {"words": cause.words} for cause in check.causes],
+        "dispersions": {name: found._asdict() for name, found in result.dispersions.items()},
         "correlation": {"names": result.names, "matrix": sure.correlation},
         **{n: getattr(sure, n) for n in ("sigma", "sigma_given", "reduced_chi_square", "condition_number", "weakest")},
         **{n: getattr(result, n) for n in ("rms_residual", "typical_residual", "left_out")},
