@@ -161,8 +161,9 @@ class Teach(shared.CommandOptions):
 
     output: shared.OutputFolder
     only: Annotated[tuple[LessonName, ...], shared.repeatable(LessonName, "NAME ...")] = ()
-    """Draw only these. snell, fresnel, critical, ball: formulas; total_reflection: the derivative of a square root;
-    edges: derivative pictures with and without edges; cost: the error against the index."""
+    """Draw only these. ray, snell, fresnel, critical, ball: formulas; dispersion: the colours of glass;
+    total_reflection: the derivative of a square root; edges: derivative pictures with and without edges; cost: the
+    error against the index."""
     also: Annotated[tuple[FigureFormat, ...], shared.repeatable(FigureFormat, "FORMAT ...")] = ()
     """Write each figure in these formats, too: svg, pdf."""
     quiet: shared.Quiet = False
