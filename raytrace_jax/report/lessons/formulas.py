@@ -22,10 +22,16 @@ INDEX = 1.5
 """The glass of these lessons."""
 
 
-def make_figure(title: str, rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    """A figure with panels, row by row; `size` is its width and height in inches."""
+def empty_figure(title: str, size: tuple[float, float]) -> Figure:
+    """A figure without panels; `size` is its width and height in inches."""
     figure = Figure(figsize=size, dpi=150, layout="constrained")
     figure.suptitle(title, fontsize=14, fontweight="bold")
+    return figure
+
+
+def make_figure(title: str, rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    """A figure with panels, row by row; `size` is its width and height in inches."""
+    figure = empty_figure(title, size)
     axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
     for ax in axes:
         ax.spines[["top", "right"]].set_visible(False)

@@ -21,7 +21,7 @@ from .. import LessonName
 from ..differences import correlation, finite_differences, relative_error
 from ..panels import SIGNED, as_pixels, page_template, remove_ticks
 from . import formulas
-from .formulas import COLOURS, INDEX, RED, finish, make_figure
+from .formulas import COLOURS, INDEX, RED, empty_figure, finish, make_figure
 
 
 def read_balls() -> Scene:
@@ -114,11 +114,8 @@ def draw_dispersion(size: int = 240, zoom: int = 5) -> Figure:
 
     Pictures have `size` x `size` pixels; that of the rim shows a `zoom`-th of the ball's.
     """
-    figure, (curves, *shown) = make_figure("Dispersion: an index for each colour", 2, 3, (15, 8))
-    grid = curves.get_gridspec()
-    grid.set_width_ratios((1.35, 1, 1))
-    curves.set_subplotspec(grid[:, 0])
-    shown.pop(2).remove()
+    figure = empty_figure("Dispersion: an index for each colour", (15, 8))
+    curves, *shown = figure.subplot_mosaic("cab;cde", width_ratios=(1.35, 1, 1)).values()
     _draw_indices(curves)
     name = "N-SF11"
     by_channel = schott_index(name, CHANNEL_WAVELENGTHS)
@@ -135,7 +132,6 @@ def draw_dispersion(size: int = 240, zoom: int = 5) -> Figure:
         ball = set_parameters(scene, {f"glass.ior.{channel}": float(n) for channel, n in zip("rgb", ior, strict=True)})
         for ax, wanted in ((whole, settings), (rim, near)):
             ax.imshow(as_pixels(render(ball, wanted).image, "srgb"), interpolation="nearest")
-            ax.spines[["top", "right"]].set_visible(True)
         whole.set_title(title, fontsize=11)
         rim.set_title("its rim", fontsize=11)
         whole.add_patch(Rectangle(tuple(corner * size), size / zoom, size / zoom, fill=False, edgecolor=RED))
@@ -160,6 +156,7 @@ def _draw_indices(ax: Axes) -> None:
         ax.axvspan(wavelength - 2, wavelength + 2, color=color, alpha=0.18, linewidth=0)
         ax.text(wavelength, 0.012, f"{channel}\n{wavelength:g}", **top)
     ax.set(xlim=(400, 700), ylim=(1.44, 1.88))
+    ax.spines[["top", "right"]].set_visible(False)
     finish(
         ax, "", "wavelength [nm]", "index of refraction n", title="Schott's glasses: $n_d$, $V_d$", loc="upper right"
     )
