@@ -1,5 +1,7 @@
 """The lessons' figures: what they claim is so, and the command that writes them."""
 
+import time
+
 import numpy as np
 import pytest
 from command_line import run
@@ -7,6 +9,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from raytrace_jax import glass
+from raytrace_jax.cli import progress
 from raytrace_jax.report.lessons.formulas import RED, SQUARE_ROOTS, cosine_and_slopes
 from raytrace_jax.report.lessons.pictures import (
     LESSONS,
@@ -161,3 +164,10 @@ def test_the_command_writes_figures_and_page(tmp_path, capsys):
     assert capsys.readouterr().err == ""
     assert (out / "critical.svg").read_text().startswith("<?xml")
     assert (out / "critical.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_it_says_what_it_waits_for(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(progress, "SILENCE", 0.0)
+    monkeypatch.setitem(LESSONS, "cost", lambda: time.sleep(1.2) or Figure())
+    assert run("teach", "-o", tmp_path, "--only", "cost") == 0
+    assert "figure 1/1, cost: 121 pictures\n" in capsys.readouterr().err
