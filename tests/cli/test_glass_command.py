@@ -20,6 +20,13 @@ def test_a_name_prints_what_a_scene_wants(capsys):
     assert float(glass.named("N-BK7").index(465.0)) == pytest.approx(1.524012, abs=5e-7)
 
 
+def test_a_common_name_says_which_entry_and_ray_it_is(capsys):
+    assert run("glass", "sapphire") == 0
+    text = capsys.readouterr().out
+    assert "Malitson-o Al2O3, V_d = 72.31, birefringent: the ordinary ray" in text
+    assert 'glass "Malitson-o Al2O3"' in text
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from raytrace_jax import ParameterError, RaytraceError, SettingsError, glass
+from raytrace_jax.optics.dispersion import CHANNEL_WAVELENGTHS
 
 
 def every_name(rows):
@@ -39,6 +40,40 @@ def test_published_values(name, n_d, abbe):
     assert found.n_d == pytest.approx(n_d, abs=2e-4 if "BOROFLOAT" in name else 1.5e-5)
     assert pytest.approx(abbe, rel=2e-3) == found.V_d
     assert found.index(587.5618) == pytest.approx(found.n_d, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("names", "kind", "n_d", "within"),
+    [  # CRC Handbook of Chemistry and Physics at the line D, plastics: Polymer Handbook, 4th edition.
+        (["water", "Water"], "liquid", 1.3330, 5e-4),
+        (["ethanol", "alcohol"], "liquid", 1.3611, 5e-4),
+        (["glycerol", "glycerin", "glycerine"], "liquid", 1.4746, 4e-3),
+        (["PMMA", "acrylic", "plexiglass", "Plexiglas"], "plastic", 1.4910, 2e-3),
+        (["polycarbonate"], "plastic", 1.585, 2e-3),
+        (["polystyrene"], "plastic", 1.5915, 2e-3),
+        (["diamond"], "crystal", 2.4175, 1e-3),
+        (["sapphire"], "crystal", 1.7681, 5e-4),
+        (["quartz"], "crystal", 1.5443, 2e-4),
+        (["fused silica", "fused_silica"], "glass", 1.4585, 1e-4),
+    ],
+)
+def test_common_names(names, kind, n_d, within):
+    found = {glass.named(name) for name in names}
+    (material,) = found
+    assert material.kind == kind and material.n_d == pytest.approx(n_d, abs=within)
+    red, green, blue = material.index(CHANNEL_WAVELENGTHS)
+    assert red < green < blue
+
+
+def test_a_crystal_with_two_indices_says_whose_it_is():
+    rays = [glass.named(name).ray for name in ("sapphire", "quartz", "quartz-e", "diamond", "N-BK7")]
+    assert rays == ["ordinary", "ordinary", "extraordinary", None, None]
+
+
+def test_every_common_name_is_tested_and_guessed():
+    assert {glass.named(name) for name in glass.COMMON_NAMES} == {glass.named(e) for e in glass.COMMON_NAMES.values()}
+    with pytest.raises(ParameterError, match="Did you mean 'sapphire'"):
+        glass.named("saphire")
 
 
 def test_a_borosilicate_and_kinds():

@@ -1,15 +1,28 @@
 """The lessons' figures: what they claim is so, and the command that writes them."""
 
+import time
+
 import numpy as np
 import pytest
 from command_line import run
 from matplotlib.figure import Figure
 from PIL import Image
 
-from raytrace_jax.report.lessons.formulas import SQUARE_ROOTS, cosine_and_slopes
-from raytrace_jax.report.lessons.pictures import LESSONS, draw_cost, draw_edges, index_page
+from raytrace_jax import glass
+from raytrace_jax.cli import progress
+from raytrace_jax.report.lessons.formulas import RED, SQUARE_ROOTS, cosine_and_slopes
+from raytrace_jax.report.lessons.pictures import (
+    LESSONS,
+    SCHOTT,
+    WORK,
+    draw_cost,
+    draw_dispersion,
+    draw_edges,
+    index_page,
+    schott_index,
+)
 
-FORMULAS = [name for name in LESSONS if name not in ("edges", "cost")]
+FORMULAS = [name for name in LESSONS if name not in WORK and name != "ray"]
 
 
 def lines_of(ax):
@@ -24,6 +37,66 @@ def test_every_panel_has_title_and_legend(name):
     for ax in figure.axes:
         assert ax.get_xlabel() and ax.get_ylabel() and ax.get_legend() is not None
         assert any(unit in ax.get_xlabel() for unit in ("[degrees]", "[radii]", "index of refraction n"))
+
+
+def test_rays_obey_snell_and_fresnel():
+    figure = LESSONS["ray"]()
+    titles = [ax.get_title() for ax in figure.axes]
+    assert len(set(titles)) == 6 and next(iter(LESSONS)) == "ray"
+    for ax, degrees in zip(figure.axes, (20, 50, 80, 20, 40, 55), strict=True):
+        out = "out of" in ax.get_title()
+        n, theta = (1 / 1.5 if out else 1.5), np.radians(degrees)
+        rays = lines_of(ax)
+        ends = {name: np.array([ray.get_xdata()[1], ray.get_ydata()[1]]) for name, ray in rays.items()}
+        side = -1 if out else 1
+        assert ends["incident"] == pytest.approx([-np.sin(theta), side * np.cos(theta)])
+        assert ends["reflected"] == pytest.approx([np.sin(theta), side * np.cos(theta)])
+        widths = {name: ray.get_linewidth() / rays["incident"].get_linewidth() for name, ray in rays.items()}
+        words = " ".join(text.get_text() for text in ax.texts)
+        if np.sin(theta) > n:
+            assert widths == {"incident": 1, "reflected": 1} and "refracted" not in words
+            continue
+        t = np.arcsin(np.sin(theta) / n)
+        assert ends["refracted"] == pytest.approx([np.sin(t), -side * np.cos(t)], abs=1e-6)
+        # Fresnel's equations as sines and tangents (Born and Wolf, 1.5.2).
+        share = (np.sin(theta - t) / np.sin(theta + t)) ** 2 / 2 + (np.tan(theta - t) / np.tan(theta + t)) ** 2 / 2
+        assert widths["reflected"] == pytest.approx(share, rel=1e-4)
+        assert widths["reflected"] + widths["refracted"] == pytest.approx(1)
+        assert f"refracted {100 - 100 * share:.1f} %\n{np.degrees(t):.1f}°" in words
+
+
+@pytest.mark.parametrize("name", ["snell", "fresnel", "total_reflection"])
+def test_titles_differ_and_no_line_looks_like_data(name):
+    axes = LESSONS[name]().axes
+    titles = [ax.get_title() for ax in axes if ax.get_title()]
+    assert len(titles) == len(set(titles))
+    for ax in axes:
+        low, high = ax.get_ylim()
+        for line in ax.get_lines():
+            x, y = (np.asarray(part, float) for part in line.get_data())
+            if len(x) > 100:  # A curve; what is cut off at the panel's border goes to infinity.
+                steps = np.abs(np.diff(np.clip(y, low, high)))
+                assert np.nanmax(steps) < 0.5 * (high - low)
+            elif len(x) == 2:
+                assert line.get_linestyle() == ":"
+        if name == "snell":
+            ends = [line.get_ydata() for line in ax.get_lines() if line.get_color() != RED]
+            assert all(low <= np.min(y) and np.max(y) <= high for y in ends)
+
+
+def test_the_glasses_of_dispersion_are_those_of_the_catalogue():
+    x = np.linspace(400, 700, 31)
+    for name in SCHOTT:
+        assert schott_index(name, x) == pytest.approx(glass.named(f"SCHOTT {name}").index(x), abs=1e-6)
+
+
+def test_a_rim_has_colours_by_dispersion_alone():
+    curves, *shown = draw_dispersion(size=48).axes
+    labels = list(lines_of(curves))
+    assert "N-BK7: 1.5168, 64.2" in labels and "N-SF11: 1.7847, 25.7" in labels
+    assert {"F", "d", "C", "red\n610", "green\n550", "blue\n465"} == {text.get_text() for text in curves.texts}
+    spread = [np.ptp(ax.images[0].get_array().astype(int), axis=-1).max() for ax in shown]
+    assert max(spread[:2]) <= 1 and min(spread[2:]) > 60
 
 
 @pytest.mark.fast_cases(1)
@@ -83,6 +156,7 @@ def test_the_command_writes_figures_and_page(tmp_path, capsys):
     for name in ("snell", "critical"):
         with Image.open(out / f"{name}.png") as picture:
             assert picture.width > 1000
+    assert {*WORK} <= {*LESSONS}
     page = (out / "index.md").read_text()
     assert page == index_page(("snell", "critical"))
     assert "![The critical angle](critical.png)\n\nFrom inside, light leaves" in page and "fresnel.png" not in page
@@ -90,3 +164,10 @@ def test_the_command_writes_figures_and_page(tmp_path, capsys):
     assert capsys.readouterr().err == ""
     assert (out / "critical.svg").read_text().startswith("<?xml")
     assert (out / "critical.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_it_says_what_it_waits_for(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(progress, "SILENCE", 0.0)
+    monkeypatch.setitem(LESSONS, "cost", lambda: time.sleep(1.2) or Figure())
+    assert run("teach", "-o", tmp_path, "--only", "cost") == 0
+    assert "figure 1/1, cost: 121 pictures\n" in capsys.readouterr().err

@@ -25,6 +25,12 @@ def test_a_name_is_three_indices(words):
     assert channel_indices(scene)[:, 0] == pytest.approx(INDICES)
 
 
+def test_a_common_name():
+    water, entry = (parsed(f'glass "{name}"') for name in ("water", "Daimon-20.0C H2O"))
+    assert_same_scene(water, entry)
+    assert channel_indices(water)[1, 0] == pytest.approx(1.3347, abs=5e-4)
+
+
 def test_in_python():
     lens = {"transmission": 1, "glass": "N-BK7"}
     rest = [build.camera("eye", pixeldim=(4, 4), viewpoint=(0, 0, 5), lookat=(0, 0, 0))]

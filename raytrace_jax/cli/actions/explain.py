@@ -1,13 +1,12 @@
 """The commands `rays`, `view` and `teach`, which show what happens to light."""
 
-import contextlib
 import math
 import sys
 
 import numpy as np
 
 from ...report.films import screen_transfer
-from ...report.lessons.pictures import LESSONS, index_page
+from ...report.lessons.pictures import LESSONS, WORK, index_page
 from ...report.live import HOST, Slider, Studio, make_server
 from ...report.rays import draw_tree
 from ...scene.parameters import blocks_of, get_parameter, material_of, scalar_names
@@ -136,17 +135,18 @@ def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
 def run_teach(command: Teach) -> None:
     drawn = {name: draw for name, draw in LESSONS.items() if name in (command.only or LESSONS)}
     check_folder(command.output)
-    timer = Timer("drawing", stderr_console(command.quiet))
-    # A display on stderr would catch what is printed on stdout.
-    with contextlib.nullcontext() if timer.display else timer:
-        for number, (name, draw) in enumerate(drawn.items(), start=1):
+    console = stderr_console(command.quiet)
+    for number, (name, draw) in enumerate(drawn.items(), start=1):
+        paths = [command.output / f"{name}.{suffix}" for suffix in ("png", *command.also)]
+        which = f"figure {number}/{len(drawn)}, {name}"
+        with Timer(f"{which}: {WORK[name]}" if name in WORK else which, console) as timer:
             figure = draw()
-            for suffix in ("png", *command.also):
-                path = command.output / f"{name}.{suffix}"
+            for path in paths:
                 with atomic_write(path) as temporary:
                     figure.savefig(temporary)
-                print(path, flush=True)
-            timer.took(f"figure {number}/{len(drawn)}, {name},")
+            timer.took(f"{which},")
+        # A display on stderr would catch what is printed on stdout.
+        print(*paths, sep="\n", flush=True)
     page = command.output / "index.md"
     write_text(page, index_page(tuple(drawn)))
     print(page)

@@ -50,7 +50,8 @@ def _print_material(material: glass.Glass) -> None:
     nm = {"d": LINE_D, "F": LINE_F, "C": LINE_C, **dict(zip(CHANNELS, CHANNEL_WAVELENGTHS, strict=True))}
     indices = {name: f"{material.index(wavelength):.6f}" for name, wavelength in nm.items()}
     rows = [(name, f"{nm[name]:g}", index) for name, index in indices.items()]
-    print_table(f"{material}, V_d = {material.V_d:.2f}", ("line", "nm", "index"), rows)
+    birefringent = f", birefringent: the {material.ray} ray" if material.ray else ""
+    print_table(f"{material}, V_d = {material.V_d:.2f}{birefringent}", ("line", "nm", "index"), rows)
     print("\n# one of these lines, in a scene's material; the last one by Cauchy's equation")
     print(f'glass "{material}"')
     print("ior", *(indices[name] for name in CHANNELS))

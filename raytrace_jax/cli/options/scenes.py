@@ -161,8 +161,9 @@ class Teach(shared.CommandOptions):
 
     output: shared.OutputFolder
     only: Annotated[tuple[LessonName, ...], shared.repeatable(LessonName, "NAME ...")] = ()
-    """Draw only these. snell, fresnel, critical, ball: formulas; total_reflection: the derivative of a square root;
-    edges: derivative pictures with and without edges; cost: the error against the index."""
+    """Draw only these. ray, snell, fresnel, critical, ball: formulas; dispersion: the colours of glass;
+    total_reflection: the derivative of a square root; edges: derivative pictures with and without edges; cost: the
+    error against the index."""
     also: Annotated[tuple[FigureFormat, ...], shared.repeatable(FigureFormat, "FORMAT ...")] = ()
     """Write each figure in these formats, too: svg, pdf."""
     quiet: shared.Quiet = False
@@ -218,9 +219,9 @@ class Scenes(shared.CommandOptions):
 class Glass(shared.CommandOptions):
     """Say which glasses have an index of refraction, or what a glass has by its name.
 
-    An index with its error, as 1.5168+-0.0003, lists the materials within three errors, nearest first. A name, as N-BK7
-    or "SCHOTT N-BK7", prints indices and the lines for a scene. The catalogue is that of refractiveindex.info, offline
-    in the extra `glass`.
+    An index with its error, as 1.5168+-0.0003, lists the materials within three errors, nearest first. A name, as
+    N-BK7, "SCHOTT N-BK7" or water, prints indices and the lines for a scene. The catalogue is that of
+    refractiveindex.info, offline in the extra `glass`.
 
     Example: raytrace-jax glass 1.5168+-0.0003 --abbe 64+-2
     """

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Rectangle
 
 from ... import optics
 from ...optics import critical_angle, snell_angle, sphere_deviation
@@ -22,10 +22,16 @@ INDEX = 1.5
 """The glass of these lessons."""
 
 
-def make_figure(title: str, rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    """A figure with panels, row by row; `size` is its width and height in inches."""
+def empty_figure(title: str, size: tuple[float, float]) -> Figure:
+    """A figure without panels; `size` is its width and height in inches."""
     figure = Figure(figsize=size, dpi=150, layout="constrained")
     figure.suptitle(title, fontsize=14, fontweight="bold")
+    return figure
+
+
+def make_figure(title: str, rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    """A figure with panels, row by row; `size` is its width and height in inches."""
+    figure = empty_figure(title, size)
     axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
     for ax in axes:
         ax.spines[["top", "right"]].set_visible(False)
@@ -45,11 +51,67 @@ def derivative(function: Callable, x: np.ndarray) -> np.ndarray:
     return np.asarray(jax.jit(lambda x: jax.jvp(function, (x,), (jnp.ones_like(x),))[1])(x))
 
 
-def draw_by_index(axes: Sequence[Axes], x: np.ndarray, function: Callable, n: np.ndarray, *style: str, **looks) -> None:
-    """Draw a function of the index `n` against `x` in one of two panels, its derivative by the index in the other."""
+def draw_by_index(
+    axes: Sequence[Axes],
+    x: np.ndarray,
+    function: Callable,
+    n: np.ndarray,
+    *style: str,
+    jump: float | None = None,
+    **looks,
+) -> None:
+    """Draw a function of the index `n` against `x` in one of two panels, its derivative by the index in the other.
+
+    The derivative has no line across the place `jump`, if there is one.
+    """
     value, slope = axes
     value.plot(x, np.asarray(function(n)), *style, **looks)
-    slope.plot(x, derivative(function, n), *style, **looks)
+    change = derivative(function, n)
+    slope.plot(*((x, change) if jump is None else interrupted(x, change, jump)), *style, **looks)
+
+
+def interrupted(x: np.ndarray, y: np.ndarray, jump: float) -> tuple[np.ndarray, np.ndarray]:
+    """A curve with a gap where it jumps: a line from one side to the other would look like values between them."""
+    place = np.searchsorted(x, jump)
+    return np.insert(x, place, jump), np.insert(y, place, np.nan)
+
+
+def draw_ray() -> Figure:
+    """Six panels: rays into glass, and out of it; the last one is reflected totally. Widths are shares of the light."""
+    figure, axes = make_figure(f"A ray meets glass, n = {INDEX:g}", 2, 3, (14, 8.4))
+    critical = float(np.degrees(critical_angle(1 / INDEX)))
+    for ax, degrees in zip(axes, (20.0, 50.0, 80.0, 20.0, 40.0, 55.0), strict=True):
+        out = ax in axes[3:]
+        _draw_refraction(ax, degrees, out)
+        ax.set_title(f"{'out of' if out else 'into'} the glass, at {degrees:g}°", fontsize=11)
+    axes[-1].set_title(f"out of the glass, beyond the critical angle of {critical:.1f}°", fontsize=11)
+    return figure
+
+
+def _draw_refraction(ax: Axes, degrees: float, out: bool) -> None:
+    """A ray that comes from the left, above the glass or within it, and what becomes of it; its length is one."""
+    theta, eta, side = np.radians(degrees), 1 / INDEX if out else INDEX, -1 if out else 1
+    reflected = float(optics.fresnel_dielectric(np.cos(theta), eta))
+    refraction = float(snell_angle(theta, eta))
+    ax.add_patch(Rectangle((-2, -2), 4, 2, facecolor="#dcecfb", edgecolor="none"))
+    ax.plot([-2, 2], [0, 0], color="0.4", linewidth=1)
+    ax.plot([0, 0], [-1.1, 1.1], "--", color="0.5", linewidth=0.9)
+    rays = [("incident", -theta, side, 1.0, ORANGE), ("reflected", theta, side, reflected, RED)]
+    if reflected < 1:
+        rays.append(("refracted", refraction, -side, 1 - reflected, BLUE))
+    for name, angle, above, share, color in rays:
+        x, y = np.sin(angle), above * np.cos(angle)
+        ax.plot([0, x], [0, y], color=color, linewidth=10 * share, solid_capstyle="butt", label=name)
+        heading = np.degrees(np.arctan2(y, x)) + (90 if name == "incident" else -90)  # Of a triangle that points up.
+        ax.plot(0.6 * x, 0.6 * y, marker=(3, 0, heading), markersize=8 + 9 * share, color=color)
+        words = f"{name} {100 * share:.1f} %\n{abs(np.degrees(angle)):.1f}°"
+        beside = ("right" if x < 0 else "left", "bottom" if y > 0 else "top")
+        place = x - 0.15 * np.sign(x), y + 0.06 * np.sign(y)
+        ax.text(*place, words, color=color, ha=beside[0], va=beside[1], fontsize=10)
+    ax.text(-1.8, 0.04, "air", color="0.35", fontsize=9)
+    ax.text(-1.8, -0.04, "glass", color="0.35", fontsize=9, va="top")
+    ax.set(xlim=(-1.85, 1.85), ylim=(-1.4, 1.4), aspect="equal")
+    ax.set_axis_off()
 
 
 def draw_snell() -> Figure:
@@ -71,19 +133,18 @@ def draw_snell() -> Figure:
         draw(axes[:2], degrees, np.radians(degrees), n, f"n = {n:g}", color)
     inside = np.linspace(0, np.degrees(critical_angle(1 / 1.5)) - 1e-3, 400)
     draw(axes[:2], inside, np.radians(inside), 1.5, "out of n = 1.5", RED, -1)
-    indices = np.linspace(1.0, 2.5, 301)
+    indices = np.linspace(1.05, 2.5, 301)
     for theta_i, color in zip((20.0, 45.0, 70.0, 85.0), COLOURS, strict=True):
         draw(axes[2:], indices, np.radians(theta_i), indices, f"{theta_i:g}°", color)
-    axes[1].set_ylim(-50, 120)
-    axes[3].set_ylim(-150, 5)
+    axes[1].set_ylim(-120, 120)
     refraction, change = "angle of refraction [degrees]", r"d$\theta_t$/dn [degrees per unit of index]"
     rows = (
-        ("refraction against incidence", "angle of incidence [degrees]", "into glass, and out of it"),
-        ("refraction against the index", "index of refraction n", "angle of incidence"),
+        ("incidence", "angle of incidence [degrees]", "into glass, and out of it"),
+        ("the index", "index of refraction n", "angle of incidence"),
     )
-    for k, (heading, x, title) in enumerate(rows):
-        finish(axes[2 * k], heading, x, refraction, title=title)
-        finish(axes[2 * k + 1], "its derivative by the index", x, change, title=title)
+    for k, (what, x, title) in enumerate(rows):
+        finish(axes[2 * k], f"refraction against {what}", x, refraction, title=title)
+        finish(axes[2 * k + 1], f"its derivative by the index, against {what}", x, change, title=title)
     return figure
 
 
@@ -106,15 +167,15 @@ def draw_fresnel() -> Figure:
         parallel, perpendicular = optics.fresnel_amplitudes(np.cos(theta), INDEX**power)
         value.plot(degrees, np.asarray(perpendicular) ** 2, "--", color=GREY, linewidth=1, label="perpendicular")
         value.plot(degrees, np.asarray(parallel) ** 2, ":", color=GREY, linewidth=1.3, label="parallel")
-        draw_by_index(pair, degrees, fresnel, n, color=BLUE, label="Fresnel, unpolarised")
-        draw_by_index(pair, degrees, schlick, n, color=RED, label="Schlick")
+        jump = critical if row else None
+        draw_by_index(pair, degrees, fresnel, n, jump=jump, color=BLUE, label="Fresnel, unpolarised")
+        draw_by_index(pair, degrees, schlick, n, jump=jump, color=RED, label="Schlick")
         finish(value, f"reflectance {where}", "angle of incidence [degrees]", "reflected share of the light")
         finish(slope, f"its derivative, {where}", "angle of incidence [degrees]", "dR/dn [per unit of index]")
         if row == 1:
             slope.set_ylim(-0.2, 6)
             for ax in pair:
                 ax.set_xlim(15, 55)
-                ax.axvline(critical, color="0.6", linewidth=0.8)
                 ax.axvspan(critical, 60, color="0.94", zorder=0)
                 ax.text(48.5, 0.5, "total internal\nreflection", fontsize=9, color="0.35", ha="center", va="center",
                         transform=ax.get_xaxis_transform())  # fmt: skip
@@ -240,7 +301,8 @@ def draw_total_reflection() -> Figure:
         curves = cosine_and_slopes(square_root, np.radians(degrees), INDEX)
         for row, (curve, (what, unit, color, limits)) in enumerate(zip(curves, rows, strict=True)):
             ax = axes[3 * row + column]
-            ax.plot(degrees, curve, color=color, linewidth=2, label=what)
+            drawn = interrupted(degrees, curve, critical) if row else (degrees, curve)
+            ax.plot(*drawn, color=color, linewidth=2, label=what)
             bad = degrees[~np.isfinite(curve)]
             if bad.size:
                 ax.axvspan(bad.min(), bad.max(), facecolor="#fbe3dc", edgecolor=RED, hatch="//", linewidth=0)
@@ -249,7 +311,7 @@ def draw_total_reflection() -> Figure:
                 place = (bad.min() + bad.max()) / 2, 0.55
                 ax.text(*place, "NaN", transform=ax.get_xaxis_transform(), ha="center", bbox=box, **words)
             ax.set_ylim(*limits)
-            ax.axvline(critical, color="0.6", linewidth=0.8, label=f"critical angle, {critical:.1f}°")
+            ax.axvline(critical, color="0.6", linewidth=0.8, linestyle=":", label=f"critical angle, {critical:.1f}°")
             title = f"{name}\n{formula}" if row == 0 else ""
             finish(ax, title, "angle of incidence [degrees]", unit, loc="lower left")
     return figure

@@ -1,13 +1,17 @@
 """Lessons on derivatives with pictures of a small scene and errors of its index, and the list of all lessons."""
 
+import dataclasses
 import importlib.resources
 from collections.abc import Callable, Iterable
 
 import jax.numpy as jnp
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from ...images.filters import gaussian_blur
+from ...optics.dispersion import CHANNEL_WAVELENGTHS, LINES, Numbers, abbe_number, formula_index
 from ...scene.parameters import set_parameters
 from ...scene.reader import parse_scene
 from ...scene.scene import Scene
@@ -17,7 +21,7 @@ from .. import LessonName
 from ..differences import correlation, finite_differences, relative_error
 from ..panels import SIGNED, as_pixels, page_template, remove_ticks
 from . import formulas
-from .formulas import COLOURS, INDEX, finish, make_figure
+from .formulas import COLOURS, INDEX, RED, empty_figure, finish, make_figure
 
 
 def read_balls() -> Scene:
@@ -90,16 +94,94 @@ def draw_cost(size: tuple[int, int] = (160, 120), count: int = 121) -> Figure:
     return figure
 
 
+SCHOTT = {
+    "N-FK51A": (0.971247817, 0.00472301995, 0.216901417, 0.0153575612, 0.904651666, 168.68133),
+    "N-BK7": (1.03961212, 0.00600069867, 0.231792344, 0.0200179144, 1.01046945, 103.560653),
+    "N-BAK4": (1.28834642, 0.00779980626, 0.132817724, 0.0315631177, 0.945395373, 105.965875),
+    "F2": (1.34533359, 0.00997743871, 0.209073176, 0.0470450767, 0.937357162, 111.886764),
+    "N-SF11": (1.73759695, 0.013188707, 0.313747346, 0.0623068142, 1.89878101, 155.23629),
+}
+"""Sellmeier's coefficients B1, C1, B2, C2, B3, C3 of five glasses, C in square micrometres: Schott's data sheets."""
+
+
+def schott_index(name: str, wavelength: Numbers) -> np.ndarray:
+    """The index of a glass of `SCHOTT` at wavelengths in nanometres."""
+    return formula_index(2, (0.0, *SCHOTT[name]), wavelength)
+
+
+def draw_dispersion(size: int = 240, zoom: int = 5) -> Figure:
+    """Index against wavelength of five glasses; a ball of the last one, without and with its dispersion, and its rim.
+
+    Pictures have `size` x `size` pixels; that of the rim shows a `zoom`-th of the ball's.
+    """
+    figure = empty_figure("Dispersion: an index for each colour", (15, 8))
+    curves, *shown = figure.subplot_mosaic("cab;cde", width_ratios=(1.35, 1, 1)).values()
+    _draw_indices(curves)
+    name = "N-SF11"
+    by_channel = schott_index(name, CHANNEL_WAVELENGTHS)
+    text = importlib.resources.files("raytrace_jax.report.lessons").joinpath("rim.txt").read_text(encoding="utf-8")
+    scene, corner = parse_scene(text), np.array([0.66, 0.12])  # Of the enlarged part, in widths of the picture.
+    settings = RenderSettings(size=(size, size), edges="aware")
+    x, y = map(int, corner * zoom * size)
+    near = dataclasses.replace(settings, size=(zoom * size, zoom * size), crop=(x, y, size, size))
+    balls = {
+        f"one index, {by_channel[1]:.4f}": (by_channel[1],) * 3,
+        f"{name}: red {by_channel[0]:.4f}, blue {by_channel[2]:.4f}": by_channel,
+    }
+    for (whole, rim), (title, ior) in zip((shown[:2], shown[2:]), balls.items(), strict=True):
+        ball = set_parameters(scene, {f"glass.ior.{channel}": float(n) for channel, n in zip("rgb", ior, strict=True)})
+        for ax, wanted in ((whole, settings), (rim, near)):
+            ax.imshow(as_pixels(render(ball, wanted).image, "srgb"), interpolation="nearest")
+        whole.set_title(title, fontsize=11)
+        rim.set_title("its rim", fontsize=11)
+        whole.add_patch(Rectangle(tuple(corner * size), size / zoom, size / zoom, fill=False, edgecolor=RED))
+        rim.spines[:].set_color(RED)
+    remove_ticks(shown)
+    return figure
+
+
+def _draw_indices(ax: Axes) -> None:
+    """The index of the glasses against the wavelength, with the lines F, d, C and the channels' wavelengths."""
+    x = np.linspace(400, 700, 301)
+    for name, color in zip(SCHOTT, (*COLOURS, RED), strict=True):
+        n_d, n_f, n_c = (float(n) for n in schott_index(name, LINES))
+        label = f"{name}: {n_d:.4f}, {abbe_number(n_d, n_f, n_c):.1f}"
+        ax.plot(x, schott_index(name, x), color=color, label=label)
+        ax.plot(LINES, (n_d, n_f, n_c), "o", color=color, markersize=4)
+    top = {"transform": ax.get_xaxis_transform(), "ha": "center", "fontsize": 9}
+    for letter, wavelength in zip("dFC", LINES, strict=True):
+        ax.axvline(wavelength, color="0.5", linewidth=0.8, linestyle=":")
+        ax.text(wavelength, 1.005, letter, **top)
+    for channel, wavelength, color in zip(("red", "green", "blue"), CHANNEL_WAVELENGTHS, "rgb", strict=True):
+        ax.axvspan(wavelength - 2, wavelength + 2, color=color, alpha=0.18, linewidth=0)
+        ax.text(wavelength, 0.012, f"{channel}\n{wavelength:g}", **top)
+    ax.set(xlim=(400, 700), ylim=(1.44, 1.88))
+    ax.spines[["top", "right"]].set_visible(False)
+    finish(
+        ax, "", "wavelength [nm]", "index of refraction n", title="Schott's glasses: $n_d$, $V_d$", loc="upper right"
+    )
+    ax.set_title("index by wavelength", fontsize=11, pad=18)
+
+
 LESSONS: dict[LessonName, Callable[[], Figure]] = {
+    "ray": formulas.draw_ray,
     "snell": formulas.draw_snell,
     "fresnel": formulas.draw_fresnel,
     "critical": formulas.draw_critical,
     "ball": formulas.draw_ball,
+    "dispersion": draw_dispersion,
     "total_reflection": formulas.draw_total_reflection,
     "edges": draw_edges,
     "cost": draw_cost,
 }
 """What draws each lesson, in the order in which they build on each other."""
+
+WORK: dict[LessonName, str] = {
+    "dispersion": "four pictures",
+    "edges": "derivatives, and pictures of 64 rays a pixel",
+    "cost": "121 pictures",
+}
+"""What takes the time of those that need more than some seconds."""
 
 
 def index_page(names: Iterable[str]) -> str:
