@@ -230,7 +230,7 @@ def _draw_angles(ax: Axes, tree: RayTree, view: CuttingPlane, radius: float) -> 
             away = start - np.sign(turn) * 0.3
             place = point + 1.6 * radius * np.array([np.cos(away), np.sin(away)])
             box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
-            ax.text(*place, words, fontsize=8, ha="center", va="center", bbox=box, clip_on=True, zorder=4.5)
+            ax.text(place[0], place[1], words, fontsize=8, ha="center", va="center", bbox=box, clip_on=True, zorder=4.5)
             written.append(place)
     return written
 

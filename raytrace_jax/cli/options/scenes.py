@@ -102,8 +102,9 @@ class Sweep(shared.PictureCommand):
     """The parameter, a single number, and its values, evenly spaced with both ends: vitreous.ior=1.0:2.4:60."""
     output: Annotated[Path, shared.output("OUT.gif")]
     """The animation to write: OUT.gif, or OUT.mp4 if ffmpeg is on the PATH. Missing folders are made."""
-    fps: Annotated[int, arg(metavar="N")] = 20
-    """Frames a second, 1 to 60; a GIF has at most 50, and rounds to hundredths of a second a frame."""
+    fps: Annotated[int | None, arg(metavar="N")] = None
+    """Frames a second, 1 to 60; a GIF has at most 50, and rounds to hundredths of a second a frame. Without it as many
+    as make the animation 4 seconds long, but at most 20."""
     bounce: bool = False
     """Go through the values and back again, so that the animation has no jump where it repeats."""
     label: bool = False
