@@ -194,7 +194,7 @@ def least_drawn(settings: ResolvedSettings) -> float:
     return 0.005 if settings.model == "physical" else 0.0
 
 
-def main_path(tree: RayTree, most: int = 3) -> list[RayNode]:
+def main_path(tree: RayTree, most: int = 2) -> list[RayNode]:
     """The first rays that hit something, from the camera's on, each followed by the one of its own that counts most."""
     path, node = [], tree.nodes[0]
     while node is not None and node.shape is not None and len(path) < most:
@@ -228,7 +228,9 @@ def _draw_angles(ax: Axes, tree: RayTree, view: CuttingPlane, radius: float) -> 
             ax.plot(arc[:, 0], arc[:, 1], color="0.3", linewidth=0.8, zorder=3.2)
             # Beyond the arc on the ray's other side of the normal, where neither of the two is crossed.
             away = start - np.sign(turn) * 0.3
-            place = point + 1.6 * radius * np.array([np.cos(away), np.sin(away)])
+            places = [point + far * radius * np.array([np.cos(away), np.sin(away)]) for far in (1.6, 2.3, 3.0)]
+            free = (p for p in places if all(np.linalg.norm(p - other) > radius for other in written))
+            place = next(free, places[0])
             box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
             ax.text(place[0], place[1], words, fontsize=8, ha="center", va="center", bbox=box, clip_on=True, zorder=4.5)
             written.append(place)
