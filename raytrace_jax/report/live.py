@@ -125,7 +125,7 @@ class Studio:
         settings = dataclasses.replace(self.settings, edges="point", samples=1)
         tree = trace_tree(scene, (column, row), settings)
         file, figure = io.BytesIO(), draw_tree(tree, scene, f"pixel {column} {row}", settings, least_drawn(settings))
-        # Letters that the browser draws take half of the time and of the bytes.
+        # Letters that the browser draws are written sooner than outlines.
         with matplotlib.rc_context({"svg.fonttype": "none"}):
             figure.savefig(file, format="svg", metadata={"Date": None})
         self.compiled.add("rays")
@@ -288,7 +288,7 @@ def saved_page(studio: Studio, title: str, steps: int) -> str:
         saved[f"/{path}?{urlencode(values)}"] = {"image": data_address(file.getvalue(), "image/webp"), "values": values}
         for column, row in pixels:
             image, words = studio.rays(scene, column, row)
-            # As text, which packs to a fifth.
+            # As text, which packs better than base64.
             reply = {"image": f"data:image/svg+xml,{quote(image)}", "words": words, "values": values}
             saved[f"/rays?{urlencode(values | {'column': column, 'row': row})}"] = reply
     return _fill(studio, title, sliders, [path], saved, pixels)

@@ -100,7 +100,7 @@ def draw_tree(
     shown = sections(scene, view, float(np.linalg.norm(high - low) + np.linalg.norm(low + high) / 2), settings)
 
     # The drawing's longer side is 8 inches; the legend goes beside it, the title above it. Their room is known, and
-    # matplotlib's search for it would take three quarters of the time.
+    # matplotlib's search for it draws all of it again.
     inches = 8.0 * (high - low) / size
     width, height = inches + np.array([2.8, 1.1])
     figure = Figure(figsize=(width, height), dpi=150)
