@@ -3,7 +3,7 @@
 import copy
 import dataclasses
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from jax.typing import ArrayLike
@@ -15,9 +15,10 @@ from ..scene.scene import Scene
 from ..tracer.settings import RenderSettings, resolve_settings
 from ..util.background import Clock, run_beside
 from ..util.checked import refuse_other
-from .build_problem import FitSetup, build_problem
+from .build_problem import FitSetup, OfViews, build_problem
 from .judge.model_check import check_model, expected_error
 from .judge.uncertainty import quantify_uncertainty
+from .judge.views import each_alone
 from .options import FitOptions
 from .problem.sampling import COARSE_SAMPLES, supersampled
 from .progress import Progress
@@ -30,13 +31,13 @@ from .status import make_result
 
 def fit(
     scene: Scene,
-    target: ArrayLike,
+    target: OfViews[ArrayLike],
     free: Sequence[str],
-    settings: RenderSettings | None = None,
+    settings: OfViews[RenderSettings | None] = None,
     *,
     options: FitOptions = FitOptions(),
-    weights: ArrayLike | None = None,
-    storage: JpegStorage | None = None,
+    weights: OfViews[ArrayLike | None] = None,
+    storage: OfViews[JpegStorage | None] = None,
     on_step: Callable[[FitStep], None] | None = None,
     on_phase: Callable[[str], None] | None = None,
 ) -> FitResult:
@@ -50,10 +51,16 @@ def fit(
     Ctrl-C, or the end of `max_seconds`, ends the fit within two seconds and returns what it has found so far. For this
     the fit runs in a thread of its own. A thread that is compiling at that moment is left behind.
 
+    A scene of several cameras is fitted to a picture of each: `fit(scene, {"left": one, "right": other}, ...)`. The
+    scene's numbers are common to them, those of a camera and its film are its own unless they are tied. Each view has
+    its own noise and samples, and counts by its noise.
+
     Args:
         scene: the scene; its values are the first start, its dtype the precision.
         target: scene-linear RGB, top row first, of the size that `settings` render. NaN may stand where the weight is
             0; a pixel that `numpy.ma` masks, here or in the weights, has the weight 0.
+        target, settings, weights, storage: of several cameras a mapping by their names; settings, weights and storage
+            may be common to them.
         settings: how the target was rendered; its `edges` is not used. None takes the settings in the scene's file.
         options: how the fit is set up and solved, as `FitOptions(search=False, sigma=0.01)`.
         weights: weight of each pixel in the sum of squares, 0 to leave it out, "height width"; or of each channel of
@@ -71,7 +78,9 @@ def fit(
         PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
     refuse_other(options, FitOptions)
-    setup = build_problem(scene, target, free, resolve_settings(scene, settings), options, weights, storage)
+    each = settings if isinstance(settings, Mapping) else dict.fromkeys(scene.cameras, settings)
+    resolved = {name: resolve_settings(scene, one) for name, one in each.items()}
+    setup = build_problem(scene, target, free, resolved, options, weights, storage)
     setup = setup._replace(problem=setup.problem.in_own_unit())
     if options.sigma is not None:
         options = dataclasses.replace(options, sigma=options.sigma / setup.problem.unit)
@@ -101,10 +110,11 @@ def find(setup: FitSetup, options: FitOptions, progress: Progress) -> None:
     findings.minima, findings.solution = tuple(minima), solution
 
     # What is wrong with it: pixels that are not finite, and balls that the target does not show.
-    bad = np.asarray(solution.linearization.bad) & problem.observation.counts
-    if bad.any():
-        words = f"{mask_in_words(bad)}, in the fitted picture or a derivative. They do not count."
-        warnings.warn(words, RaytraceWarning, stacklevel=2)
+    for view in solution.views:
+        bad = np.asarray(view.linearization.bad) & view.problem.observation.counts
+        if bad.any():
+            words = f"{mask_in_words(bad)}, in the fitted picture or a derivative. They do not count."
+            warnings.warn(words, RaytraceWarning, stacklevel=2)
     findings.unseen = unseen_balls(solution)
     uncertainty = quantify_uncertainty(solution, options.sigma)
     opened = [name for names in findings.unseen.values() for name in names]
@@ -112,10 +122,12 @@ def find(setup: FitSetup, options: FitOptions, progress: Progress) -> None:
 
     # The picture at the start is sampled as that of the solution, to be compared with it.
     progress.phase("rendering the start")
-    samples = problem.base.samples if solution.stage.edges == "point" else COARSE_SAMPLES
-    findings.start_image = supersampled(problem, problem.start(), samples)
+    coarse = None if solution.stage.edges == "point" else COARSE_SAMPLES
+    views, start = problem.views, problem.start()
+    findings.start_images = tuple(supersampled(view, start, coarse or view.base.samples) for view in views)
     if np.all(np.isnan(uncertainty.standard_error)):
         return
+    findings.alone = each_alone(solution, options.sigma) if problem.others else ()
 
     # What follows counts in standard errors: profiles, and whether the model is right.
     for place in setup.profiled:

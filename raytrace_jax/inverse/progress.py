@@ -8,6 +8,7 @@ from ..util.background import Clock
 from .judge.model_check import ModelCheck
 from .judge.structure import explains, vuong_evidence
 from .judge.uncertainty import Uncertainty
+from .judge.views import ViewAlone
 from .problem.problem import FitState, Problem
 from .problem.unknowns import Image, Vector
 from .result import FitStep, Minimum, Profile
@@ -21,15 +22,15 @@ class LocalMinimum(NamedTuple):
 
     summary: Minimum
     y: Vector
-    residual: Image
+    residual: tuple[Image, ...]
 
     @classmethod
     def of(cls, state: FitState, candidate: int, level: int) -> "LocalMinimum":
         """The minimum that a solve from a candidate came to on a level, yet without evidence against it."""
         value, rms = state.problem.values(state.y), state.rms_residual * state.problem.unit
-        return cls(Minimum(candidate, value, rms, level, explains(state), 0.0), state.y, state.residual)
+        return cls(Minimum(candidate, value, rms, level, explains(state), 0.0), state.y, state.residuals)
 
-    def judged_against(self, best: Image) -> "LocalMinimum":
+    def judged_against(self, best: tuple[Image, ...]) -> "LocalMinimum":
         """A copy with the evidence that a better residual is better."""
         return self._replace(summary=dataclasses.replace(self.summary, evidence=vuong_evidence(best, self.residual)))
 
@@ -42,7 +43,8 @@ class Findings:
         answer: the best unknowns so far, None before the first step.
         unseen: balls that the target does not show, with their free index and positions.
         check: whether the model is right, if that was looked at.
-        start_image: the picture at the start, compared as the solution's is.
+        alone: what each of several views tells.
+        start_images: the picture of each view at the start, compared as the solution's is.
     """
 
     steps: tuple[FitStep, ...] = ()
@@ -53,7 +55,8 @@ class Findings:
     unseen: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     profiles: tuple[Profile, ...] = ()
     check: ModelCheck | None = None
-    start_image: Image | None = None
+    start_images: tuple[Image, ...] = ()
+    alone: tuple[ViewAlone, ...] = ()
 
 
 class Progress:

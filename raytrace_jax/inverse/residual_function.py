@@ -17,14 +17,14 @@ from ..tracer.rendering import picture_at
 from ..tracer.settings import RenderSettings, ResolvedSettings, resolve_settings
 from ..util.checked import refuse_other
 from ..util.numerics import is_traced, real_numbers, with_lower_ranks
-from .build_problem import build_problem
+from .build_problem import OfViews, build_problem
 from .judge.uncertainty import quantify_uncertainty
 from .options import FitOptions, Stage
+from .problem.linearize import gauss_newton_step
 from .problem.observation import Observation
 from .problem.problem import FitState, Problem
 from .problem.sampling import lattice_size, resampled, supersampled
 from .problem.unknowns import Covariance, Unknowns, Values, make_prior
-from .solve.solvers import gauss_newton_step
 
 
 class PictureResidual(eqx.Module):
@@ -40,6 +40,7 @@ class PictureResidual(eqx.Module):
     Args:
         start: the unknowns at which the parameters have the scene's values, about as large as 1.
         target_samples: samples a side of the target's pixels, if they are known; only `covariance` asks for them.
+        others: of a scene of several cameras those of the others, whose `scene` has their camera first.
     """
 
     start: Float[Array, " parameters"]
@@ -48,6 +49,7 @@ class PictureResidual(eqx.Module):
     unknowns: Unknowns = eqx.field(static=True)
     settings: ResolvedSettings = eqx.field(static=True)
     target_samples: int | None = eqx.field(static=True, default=None)
+    others: tuple["PictureResidual", ...] = ()
 
     @property
     def lower(self) -> Float[Array, " parameters"]:
@@ -62,16 +64,19 @@ class PictureResidual(eqx.Module):
     @with_lower_ranks
     def residual(
         self, y: Float[Array, " parameters"], args: Float[ArrayLike, ""] | None = None
-    ) -> Float[Array, "3 height width"]:
+    ) -> Float[Array, "3 height width"] | tuple[Float[Array, "3 _ _"], ...]:
         """Picture minus target, weighted; an error where rays find no room, as `render` raises it.
+
+        Of several cameras a tuple, a residual each in their order.
 
         Args:
             args: standard deviation in pixels of a Gaussian blur, so that a loop can go from coarse to fine; None is 0.
         """
         y = self._checked(y)
-        image = picture_at(y, self.scene, self.unknowns, self.settings)
+        image = picture_at(y, self.scene.alone(), self.unknowns.seen_in(self.scene), self.settings)
         blur = jnp.asarray(0.0 if args is None else args, y.dtype)
-        return gaussian_blur(self.observation.residual(image), blur)
+        own = gaussian_blur(self.observation.residual(image), blur)
+        return (own, *(each.residual(y, args) for each in self.others)) if self.others else own
 
     def _checked(self, y: ArrayLike) -> Float[Array, " parameters"]:
         """The unknowns as an array. Raises ParameterError: there are not as many, or they are no real numbers."""
@@ -98,11 +103,11 @@ class PictureResidual(eqx.Module):
 
 def make_residual(
     scene: Scene,
-    target: ArrayLike,
+    target: OfViews[ArrayLike],
     free: Sequence[str],
     settings: RenderSettings | None = None,
     *,
-    weights: ArrayLike | None = None,
+    weights: OfViews[ArrayLike | None] = None,
     ties: Mapping[str, str] | None = None,
     fit_exposure: bool = False,
     target_samples: int | None = None,
@@ -119,7 +124,7 @@ def make_residual(
 
     Args:
         scene: its values are the start, its dtype the precision.
-        target, weights: as of `fit`.
+        target, weights: as of `fit`, also of several cameras.
         settings: what to render; unlike in `fit`, its `edges` is used. None takes the settings in the scene's file.
         target_samples: the target's pixels are means of so many samples a side; only `covariance` uses it.
 
@@ -135,17 +140,15 @@ def make_residual(
     ties = {} if ties is None else ties
     options = FitOptions(ties=ties, fit_exposure=fit_exposure, target_samples=target_samples)
     problem = build_problem(scene, target, free, settings, options, weights).problem
-    scene = problem.scene
-    if scene.film is not None:
-        scene = dataclasses.replace(scene, film=problem.camera.of_scene.film)
-    return PictureResidual(
-        start=problem.start(),
-        scene=scene,
-        observation=problem.observation,
-        unknowns=problem.unknowns,
-        settings=settings,
-        target_samples=target_samples,
-    )
+    parts = []
+    for view in problem.views:
+        scene = problem.whole.seen_by(view.scene.camera.name)
+        if scene.film is not None:
+            scene = dataclasses.replace(scene, film=view.camera.of_scene.film)
+        parts.append(
+            PictureResidual(problem.start(), scene, view.observation, problem.unknowns, settings, target_samples)
+        )
+    return dataclasses.replace(parts[0], others=tuple(parts[1:]))
 
 
 class ErrorBars(NamedTuple):
@@ -206,11 +209,15 @@ def covariance(
     place = np.clip(np.asarray(y), *reach)  # Beyond a bound the picture is that of the bound.
 
     # All residuals in one unit, so that they compare as in the loop.
+    problems = [part for each in problems for part in (dataclasses.replace(each, others=()), *each.others)]
     first = _problem_of(problems[0]).in_own_unit()
     states = [_state_at(_problem_of(each).in_own_unit(first.unit), each, place) for each in problems]
-    step = _step_left(states)
-    states[0] = dataclasses.replace(states[0], next_step=step)
-    uncertainty = quantify_uncertainty(states[0], None if sigma is None else sigma / first.unit, *states[1:])
+    state = states[0].of_views(states)
+    # The Gauss-Newton step to the minimum of all sums of squares, cut off at the bounds.
+    y = np.asarray(state.y, np.float64)
+    step = np.clip(y + gauss_newton_step(state.joint), *reach) - y
+    state = dataclasses.replace(state, next_step=step)
+    uncertainty = quantify_uncertainty(state, None if sigma is None else sigma / first.unit)
     return ErrorBars(first.unknowns.names, uncertainty.standard_error, uncertainty.covariance, uncertainty.weakest)
 
 
@@ -235,8 +242,16 @@ def _refuse_other_unknowns(problems: Sequence[PictureResidual]) -> None:
 def _problem_of(picture: PictureResidual) -> Problem:
     """The problem of a fit whose picture is that of the residual."""
     prior = make_prior({}, picture.unknowns, picture.start.dtype)
-    samples = picture.target_samples
-    return Problem(picture.scene, picture.observation, picture.unknowns, prior, picture.settings, samples)
+    return Problem(
+        picture.scene.alone(),
+        picture.observation,
+        picture.unknowns,
+        prior,
+        picture.settings,
+        picture.scene,
+        picture.unknowns.seen_in(picture.scene),
+        samples=picture.target_samples,
+    )
 
 
 def _state_at(problem: Problem, picture: PictureResidual, place: Values) -> FitState:
@@ -248,16 +263,3 @@ def _state_at(problem: Problem, picture: PictureResidual, place: Values) -> FitS
         picture_there = dataclasses.replace(picture_there, image=problem.array(points))
     confusion = resampled(problem, y, stage, lattice_size()).confusion() if stage.edges == "aware" else None
     return FitState(problem, y, stage, problem.linearize(y, stage, picture_there), confusion=confusion)
-
-
-def _step_left(states: Sequence[FitState]) -> Values:
-    """The Gauss-Newton step to the minimum of all sums of squares, cut off at the bounds."""
-    first = states[0]
-    parts = {
-        name: jnp.asarray(np.concatenate([np.asarray(getattr(state.linearization, name)) for state in states]))
-        for name in ("jacobian", "residual")
-    }
-    curvature = sum(np.asarray(state.linearization.curvature) for state in states)
-    joint = dataclasses.replace(first.linearization, **parts, curvature=jnp.asarray(curvature))
-    y = np.asarray(first.y, np.float64)
-    return np.clip(y + gauss_newton_step(joint), *first.problem.unknowns.reach) - y

@@ -21,6 +21,7 @@ from ..util.text import aligned, did_you_mean, listed
 from .dispersion import dispersion_words, fitted_dispersions
 from .judge.model_check import Dependence, ModelCheck
 from .judge.uncertainty import Uncertainty, correlation_of
+from .judge.views import ViewAlone
 from .result_file import load_record
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
@@ -132,6 +133,21 @@ class Estimate(NamedTuple):
         return self.text()
 
 
+@dataclasses.dataclass(frozen=True)
+class ViewPictures:
+    """The pictures of a further view of a fit, and how they differ; the fields are those of `FitResult`."""
+
+    settings: ResolvedSettings
+    target: Float[np.ndarray, "3 height width"]
+    weights: Float[np.ndarray, "3 height width"]
+    target_samples: int | None
+    start_image: Float[np.ndarray, "3 height width"] | None = None
+    image: Float[np.ndarray, "3 height width"] | None = None
+    rms_residual: float = math.nan
+    typical_residual: float = math.nan
+    left_out: int = 0
+
+
 @dataclasses.dataclass(frozen=True, repr=False)
 class FitResult:
     """The estimate, how sure it is, and how it came about.
@@ -162,6 +178,8 @@ class FitResult:
         steps: the solver's steps, in the order in which they were made.
         candidate: the start that led to the estimate, as in `FitStep`.
         runner_ups: the other minima, best first.
+        further_views: the pictures of the views beside the first, in the order of the scene's cameras.
+        alone: what each of several views tells alone.
         provenance: what was fitted, when and how, in words: `date`, `target_sha256`, and `seconds` up to the last step.
             From the command line also `target`, the file whose hash it is, `target_bytes`, its size, `command`, and
             `seconds_after_the_last_step`, in which the estimate was judged.
@@ -195,6 +213,27 @@ class FitResult:
     candidate: int = 0
     runner_ups: tuple[Minimum, ...] = ()
     provenance: dict[str, str] = dataclasses.field(default_factory=dict)
+    further_views: tuple[ViewPictures, ...] = ()
+    alone: tuple[ViewAlone, ...] = ()
+
+    def seen_by(self, camera: str) -> "FitResult":
+        """The result whose pictures, and whose scene's camera, are those of one of its views.
+
+        Raises:
+            SceneError: the scene has no such camera; the message lists those that it has.
+        """
+        scene, place = self.scene.seen_by(camera), self.scene.cameras.index(camera)
+        if not place:
+            return self
+        mine = {field.name: getattr(self, field.name) for field in dataclasses.fields(ViewPictures)}
+        others = [ViewPictures(**mine), *self.further_views]
+        pictures = others.pop(place)
+        return dataclasses.replace(self, scene=scene, further_views=tuple(others), **vars(pictures))
+
+    @property
+    def views(self) -> dict[str, "FitResult"]:
+        """The result as each of its cameras sees it, by the camera's name; see `seen_by`."""
+        return {camera: self.seen_by(camera) for camera in self.scene.cameras}
 
     @property
     def counts(self) -> Bool[np.ndarray, "height width"]:

@@ -17,10 +17,11 @@ from .build_problem import FitSetup
 from .judge.model_check import Contradiction, ModelCheck, contradicted, short_count
 from .judge.structure import EVIDENCE, is_near
 from .judge.uncertainty import Uncertainty, quantify_uncertainty
+from .judge.views import contradicting_view
 from .options import FitOptions
-from .problem.problem import FitState
+from .problem.problem import FitState, Problem
 from .progress import Findings
-from .result import PROFILE_95, FitResult, Profile, Status
+from .result import PROFILE_95, FitResult, Profile, Status, ViewPictures
 from .solve.solvers import bounds_reached
 
 Verdict = tuple[Status, str, str]
@@ -48,11 +49,15 @@ def solve_verdicts(
     solution: FitState, sure: Uncertainty, unseen: Sequence[str], explained: bool, looks: str, max_steps: int
 ) -> list[tuple[bool, Status, str, str]]:
     """What may be wrong with a solve: whether it is, and the verdict if so."""
-    known = "" if solution.problem.samples else "say how the target was sampled with --target-samples, "
+    known = (
+        ""
+        if all(view.problem.samples for view in solution.views)
+        else "say how the target was sampled with --target-samples, "
+    )
     return [
         # No answer: the picture is broken, or far from the target.
         (
-            not solution.linearization.is_finite,
+            not solution.joint.is_finite,
             "not_converged",
             "at the parameters where the solver ended, the picture or one of its derivatives is not finite",
             "start nearer, or free fewer numbers",
@@ -200,14 +205,14 @@ def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standar
     return words
 
 
-def chi_square_excess(residual: np.ndarray, counts: np.ndarray, sigma: float | None) -> float:
-    """Standard errors by which the mean square of a residual is above that of noise of standard deviation `sigma`.
+def chi_square_excess(residual: np.ndarray, sigma: float | None) -> float:
+    """Standard errors by which the mean square of residuals is above that of noise of standard deviation `sigma`.
 
     It is 0 below five, or where a standard deviation larger by 2 % would explain it: nobody knows it better.
     """
-    if sigma is None or not counts.any():
+    if sigma is None or not residual.size:
         return 0.0
-    squares = (residual[counts] / sigma) ** 2
+    squares = (residual / sigma) ** 2
     mean, error = float(squares.mean()), float(squares.std() / np.sqrt(max(squares.size, 1)))
     excess = (mean - 1) / error if error > 0 else 0.0
     return excess if excess > 5 and mean > 1.02**2 else 0.0
@@ -230,31 +235,37 @@ def make_result(setup: FitSetup, options: FitOptions, findings: Findings, stoppe
     """
     problem, solution, names = setup.problem, findings.solution, setup.problem.unknowns.names
     check = findings.check or ModelCheck.nothing(len(names))
-    target = np.asarray(problem.observation.target)
-    weights = (np.asarray(problem.observation.root_weight, np.float64) * problem.unit) ** 2
     # Where the fit ended, and how sure that is.
-    pictures: dict[str, Any] = {}
     if solution is None:
-        y = problem.start() if findings.answer is None else problem.array(findings.answer)
-        edges, loss, target_samples = options.edges, options.loss, options.target_samples
+        y, loss = problem.start() if findings.answer is None else problem.array(findings.answer), options.loss
         uncertainty = Uncertainty.unknown(len(names), options.sigma)
+        pictures = [
+            seen_of(view) | {"settings": dataclasses.replace(view.base, edges=options.edges)} for view in problem.views
+        ]
     else:
-        y, edges, loss, target_samples = solution.y, solution.stage.edges, solution.stage.loss, solution.problem.samples
+        y, loss = solution.y, solution.stage.loss
         uncertainty = findings.uncertainty or quantify_uncertainty(solution, options.sigma)
-        weights = np.where(np.asarray(solution.linearization.bad), 0, weights)
-        pictures = pictures_of(solution) | {"start_image": findings.start_image}
+        starts = findings.start_images or [None] * len(solution.views)
+        pictures = [
+            pictures_of(view) | {"start_image": start} for view, start in zip(solution.views, starts, strict=True)
+        ]
 
     # The word for it.
     if stopped is not None or solution is None:
         status, message, advice = interrupted_status(stopped or "", findings, uncertainty)
     else:
         sigma = options.sigma if loss == "l2" else None
-        excess = chi_square_excess(solution.residual, shows_noise(solution, sigma or 0.0), sigma)
+        shown = [view.residual[shows_noise(view, sigma or 0.0)] for view in solution.views]
+        excess = chi_square_excess(np.concatenate(shown), sigma)
         judged = dataclasses.replace(findings, uncertainty=uncertainty, check=check)
-        explained = is_near(solution.residual, solution.weighted_target, solution.observation.counts)
+        explained = all(is_near(v.residual, v.weighted_target, v.observation.counts) for v in solution.views)
         verdict = fit_status(judged, explained, excess, options.max_steps)
         otherwise = prior_contradictions(setup, solution, uncertainty, check) if solution.settled else ()
-        status, message, advice = contradicted_status(otherwise, verdict)
+        verdict = contradicted_status(otherwise, verdict)
+        covariances = uncertainty.covariance, check.covariance
+        status, message, advice = opposed_status(
+            contradicting_view(findings.alone, names, problem.values(y), *covariances), verdict
+        )
     at_bound = bounds_reached(y, problem.unknowns)
     message += bounds_in_words(at_bound) + profiles_in_words(findings.profiles, names, uncertainty.standard_error)
 
@@ -265,37 +276,55 @@ def make_result(setup: FitSetup, options: FitOptions, findings: Findings, stoppe
         at_bound=at_bound,
         names=names,
         value=problem.values(y),
-        initial=problem.unknowns.initial(problem.scene),
-        units=tuple(resolve(problem.scene, name).attribute.unit for name in names),
+        initial=problem.initial,
+        units=tuple(resolve(problem.whole, name).attribute.unit for name in names),
         priors=tuple((name, *prior) for name, prior in setup.priors.items()),
         ties=problem.unknowns.ties,
         loss=loss,
-        target_samples=target_samples,
         uncertainty=dataclasses.replace(uncertainty, sigma=uncertainty.sigma * problem.unit),
         check=check,
         profiles=findings.profiles,
-        scene=problem.scene_at(y),
-        settings=dataclasses.replace(problem.base, edges=edges),
-        target=target,
-        weights=weights,
+        scene=problem.whole_at(y),
+        alone=findings.alone,
+        further_views=tuple(ViewPictures(**each) for each in pictures[1:]),
         steps=findings.steps,
         candidate=findings.minima[0].summary.candidate if findings.minima else 0,
         runner_ups=tuple(minimum.summary for minimum in findings.minima[1:]),
         provenance={
             "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            "target_sha256": hashlib.sha256(np.ascontiguousarray(target).tobytes()).hexdigest(),
+            "target_sha256": hashlib.sha256(b"".join(each["target"].tobytes() for each in pictures)).hexdigest(),
             "seconds": f"{findings.steps[-1].seconds:.3g}" if findings.steps else "0",
         },
-        **pictures,
+        **pictures[0],
     )
 
 
+def opposed_status(opposed: str, verdict: Verdict) -> Verdict:
+    """The status of a fit of several views of which one contradicts the others."""
+    if not opposed:
+        return verdict
+    status, message, advice = verdict
+    again = "look at each view's residual; free what differs between the views, such as a camera's place"
+    if status == "converged":
+        return "model_incomplete", opposed, again
+    return "model_incomplete" if status == "ambiguous" else status, f"{message}; {opposed}", f"{advice}; {again}"
+
+
+def seen_of(view: Problem) -> dict[str, Any]:
+    """The fields of a result that a view begins with."""
+    weights = (np.asarray(view.observation.root_weight, np.float64) * view.unit) ** 2
+    target = np.ascontiguousarray(view.observation.target)
+    return {"settings": view.base, "target": target, "weights": weights, "target_samples": view.samples}
+
+
 def pictures_of(solution: FitState) -> dict[str, Any]:
-    """The fields of a result that say how the picture at a solution differs from the target, in the target's unit."""
-    linearization, unit = solution.linearization, solution.problem.unit
+    """The fields of a result that say how a view at a solution differs from its target, in the target's unit."""
+    linearization, unit, seen = solution.linearization, solution.problem.unit, seen_of(solution.problem)
     # A robust loss leaves out what it counts for less than a hundredth of the others.
     left_out = solution.observation.counts & (solution.under_loss("weight").min(axis=0) < 0.01)
-    return {
+    return seen | {
+        "settings": dataclasses.replace(solution.problem.base, edges=solution.stage.edges),
+        "weights": np.where(np.asarray(linearization.bad), 0, seen["weights"]),
         "image": np.asarray(linearization.image) + np.asarray(solution.problem.observation.bias),
         "rms_residual": solution.rms_residual * unit,
         "typical_residual": MAD_TO_SIGMA * float(linearization.typical) * unit,

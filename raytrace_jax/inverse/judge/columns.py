@@ -208,7 +208,7 @@ def free_columns(pixels: SampledPicture) -> Float[np.ndarray, "parameters 3 pixe
     The linearisation has those of areas, in which footprints are held, where differences move them. The free numbers
     are to make up for the fixed ones, so that those of the scene are by differences as well; the response's are exact.
     """
-    problem, unknowns = pixels.problem, pixels.problem.unknowns
+    problem, unknowns = pixels.problem, pixels.problem.local
     slopes = problem.slopes(pixels.state.y)[:, None, None, None]
     columns = np.asarray(pixels.state.linearization.pixel_jacobian, np.float64) / np.where(slopes, slopes, 1.0)
     columns = pixels.sampled.of(columns)

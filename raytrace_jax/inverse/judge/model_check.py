@@ -15,8 +15,8 @@ from ...util.text import listed
 from ..problem.fixed import fixed_numbers, root_covariance
 from ..problem.noise import sample_jump, storage_bound
 from ..problem.problem import FitState
-from ..problem.unknowns import Values
-from .columns import free_columns, pixels_to_check
+from ..problem.unknowns import Image, Values
+from .columns import PixelSample, free_columns, pixels_to_check
 from .score_test import (
     Cause,
     Columns,
@@ -195,21 +195,45 @@ def expected_error(
     sampled. A few pixels tell what the scene's stated numbers do; the response's are left out. What is stated counts up
     to thirty errors of the noise: a tenth of that is left in no pixel of a picture of ten thousand.
     """
-    problem, linearization = state.problem, state.linearization
-    triangle = np.asarray(linearization.jacobian, np.float64)
-    sigma = MAD_TO_SIGMA * float(linearization.typical)
+    problem, triangle = state.problem, np.asarray(state.joint.jacobian, np.float64)
+    sigma = MAD_TO_SIGMA * state.typical
     variance = sigma**2 * np.diagonal(solve_normal(triangle.T @ triangle, np.eye(triangle.shape[1])))
-    names = fixed_numbers(problem, uncertain).keys() & uncertain
-    if not names:
+    if not any(fixed_numbers(view, uncertain).keys() & uncertain for view in problem.views):
         return np.sqrt(variance)
-    pixels = pixels_to_check(state, 4000, check_clock)
-    weight = (pixels.sampled.of(state.under_loss("weight")) / pixels.sampled.probability).reshape(-1)
-    numbers, free = scene_hypotheses(pixels, uncertain, only_stated=True), free_columns(pixels)
-    sensitivity = -fitted(free.reshape(len(free), -1), stacked(numbers, weight), weight)
+    views = []
+    for view in state.views:
+        pixels = pixels_to_check(view, 4000, check_clock)
+        weight = (pixels.sampled.of(view.under_loss("weight")) / pixels.sampled.probability).reshape(-1)
+        views.append((weight, scene_hypotheses(pixels, uncertain, only_stated=True), free_columns(pixels)))
+    weights, hypotheses, free = zip(*views, strict=True)
+    weight, numbers = np.concatenate(weights), merged(hypotheses, [len(each) for each in weights])
+    sensitivity = -fitted(side_by_side(free), stacked(numbers, weight), weight)
+    names = {number.name for number in numbers}
     among = {pair: value for pair, value in correlations.items() if names.issuperset(pair)}
     stated = np.sum(stated_moves(sensitivity, numbers, among) ** 2, axis=1)
     stated /= np.maximum(problem.slopes(state.y) ** 2, TINY)
     return np.sqrt(np.minimum(variance + stated, 30**2 * variance))
+
+
+def side_by_side(columns: Sequence[Float[np.ndarray, "numbers 3 _"]]) -> Columns:
+    """The columns of numbers at the pixels of all views, as rows of one problem."""
+    return np.concatenate([each.reshape(len(each), -1) for each in columns], axis=1)
+
+
+def merged(views: Sequence[Sequence[Hypothesis]], lengths: Sequence[int]) -> list[Hypothesis]:
+    """The hypotheses of all views by their names; a view that does not show a number has a column of 0.
+
+    Args:
+        lengths: the number of each view's rows.
+    """
+    by_name = [{each.name: each for each in view} for view in views]
+    names = dict.fromkeys(name for view in by_name for name in view)
+    found = []
+    for name in names:
+        columns = [view[name].column if name in view else np.zeros(n) for view, n in zip(by_name, lengths, strict=True)]
+        one = next(view[name] for view in by_name if name in view)
+        found.append(dataclasses.replace(one, column=np.concatenate(columns)))
+    return found
 
 
 def stacked(numbers: Sequence[Hypothesis], weight: Float[np.ndarray, " rows"]) -> Columns:
@@ -244,27 +268,12 @@ def check_model(
         uncertain: standard deviation by canonical name of a fixed number.
         check_clock: called before each few scenes are rendered; raise in it to abort.
     """
-    problem, linearization, observation = state.problem, state.linearization, state.problem.observation
-    # How the picture changes with the free parameters, the scene's fixed numbers, and the response's.
-    pixels = pixels_to_check(state, check_clock=check_clock)
-    sampled = pixels.sampled
-    light = np.asarray(linearization.image if pixels.radiance is None else pixels.radiance, np.float64)
-    free = free_columns(pixels)
-    free = free.reshape(len(free), -1)
-    of_scene = scene_hypotheses(pixels, uncertain)
-    of_response = list(response_hypotheses(pixels, light + np.asarray(observation.bias, np.float64), uncertain))
-
-    # Evidence is the residual beyond what the storing of the target makes by itself.
-    residual, weight = np.asarray(state.residual, np.float64), state.under_loss("weight")
-    bound = storage_bound(problem)
-    evidence = beyond(observation, residual, weight, bound)
-    rows = Rows(
-        residual=sampled.of(residual).reshape(-1),
-        evidence=sampled.of(evidence).reshape(-1),
-        weight=(sampled.of(weight) / sampled.probability).reshape(-1),
-        block=np.tile(sampled.block, 3),
-        bound=sampled.of(weighted(observation, bound)).reshape(-1),
-    )
+    problem = state.problem
+    views = [checked_view(view, uncertain, check_clock) for view in state.views]
+    rows = joined_rows([view.rows for view in views])
+    lengths = [len(view.rows.residual) for view in views]
+    free = side_by_side([view.free for view in views])
+    of_scene, of_response = (merged(each, lengths) for each in zip(*(view.hypotheses for view in views), strict=True))
 
     # How far the estimate moves with each fixed number, ranked by what the same share of each does to it.
     numbers = [*of_scene, *(each for each in of_response if each.uncertainty)]
@@ -280,22 +289,90 @@ def check_model(
     # What the residual looks like beside what is free or stated to be uncertain.
     is_stated = [each.uncertainty > 0 for each in numbers]
     nuisance = np.concatenate([free, columns[is_stated]])
-    pulls = weight * evidence
+    pulls = [view.weight * view.evidence for view in views]
     if any(is_stated):  # How hard the residual pulls once the nuisance has been fitted to it; 0 at other pixels.
         rest = orthogonal_to(nuisance, rows.evidence[None], rows.weight)[0] * rows.weight
-        pulls = np.zeros(weight.shape)
-        pulls[:, sampled.row, sampled.column] = rest.reshape(3, -1) * sampled.probability
+        parts = zip(views, np.split(rest, np.cumsum(lengths)[:-1]), strict=True)
+        pulls = [view.spread_out(part) for view, part in parts]
     hypotheses = [each for each in (*of_scene, *of_response) if not each.uncertainty]
     causes, structure = find_causes(rows, free, nuisance, hypotheses, standard_error)
 
     # Errors that go together over many pixels count in the error, also without a cause. They speak against the model if
     # they move an estimate by more than its standard error, or are more than single samples at edges make.
-    correlation, is_structured = distant_correlation(pulls, problem.extent), bool(causes)
+    pairs = zip(pulls, problem.views, strict=True)
+    correlation, is_structured = max(distant_correlation(pull, view.extent) for pull, view in pairs), bool(causes)
     if correlation > 3.0:
         slope = problem.slopes(state.y)
-        jacobian = np.asarray(linearization.pixel_jacobian, np.float64)
-        scatter = block_scatter(jacobian / np.where(slope, slope, 1.0)[:, None, None, None], weight, residual)
+        slope = np.where(slope, slope, 1.0)[:, None, None, None]
+        scatter = block_scatter(
+            [
+                (np.asarray(view.linearization.pixel_jacobian, np.float64) / slope, checked.weight, view.residual)
+                for view, checked in zip(state.views, views, strict=True)
+            ]
+        )
         structure = structure + scatter
         is_structured |= bool(largest_shift(np.sqrt(np.diagonal(scatter))[:, None], standard_error)[0] > 1)
-        is_structured |= bool(beyond(observation, evidence, weight, np.array(sample_jump(state))).any())
+        is_structured |= any(view.is_beyond_samples for view in views)
     return ModelCheck(assumptions, causes, moved @ moved.T, structure, correlation, is_structured)
+
+
+class CheckedView(NamedTuple):
+    """What a view tells a check of the model: at its sampled pixels, and of all of them.
+
+    Args:
+        free: the derivative of the weighted residual by each free number.
+        hypotheses: of the scene's fixed numbers, and of the response's.
+        weight, evidence: of each of the target's numbers, as in `Rows`, but not over the pixel's probability.
+    """
+
+    state: FitState
+    sampled: PixelSample
+    rows: Rows
+    free: Float[np.ndarray, "parameters 3 pixels"]
+    hypotheses: tuple[list[Hypothesis], list[Hypothesis]]
+    weight: Image
+    evidence: Image
+
+    def spread_out(self, rows: Float[np.ndarray, " rows"]) -> Image:
+        """Numbers at the sampled pixels as a picture of what each stands for; 0 at other pixels."""
+        image = np.zeros(self.weight.shape)
+        image[:, self.sampled.row, self.sampled.column] = rows.reshape(3, -1) * self.sampled.probability
+        return image
+
+    @property
+    def is_beyond_samples(self) -> bool:
+        """Whether the evidence is more than single samples at edges make."""
+        observation, jump = self.state.problem.observation, np.array(sample_jump(self.state))
+        return bool(beyond(observation, self.evidence, self.weight, jump).any())
+
+
+def checked_view(state: FitState, uncertain: Mapping[str, float], check_clock: Callable[[], None]) -> CheckedView:
+    """Sample a view's pixels, with their derivatives by what is free, by the scene's fixed numbers, and the response's.
+
+    Evidence is the residual beyond what the storing of the target makes by itself.
+    """
+    linearization, observation = state.linearization, state.problem.observation
+    pixels = pixels_to_check(state, check_clock=check_clock)
+    sampled = pixels.sampled
+    light = np.asarray(linearization.image if pixels.radiance is None else pixels.radiance, np.float64)
+    free = free_columns(pixels)
+    of_scene = scene_hypotheses(pixels, uncertain)
+    of_response = list(response_hypotheses(pixels, light + np.asarray(observation.bias, np.float64), uncertain))
+    residual, weight = np.asarray(state.residual, np.float64), state.under_loss("weight")
+    bound = storage_bound(state.problem)
+    evidence = beyond(observation, residual, weight, bound)
+    rows = Rows(
+        residual=sampled.of(residual).reshape(-1),
+        evidence=sampled.of(evidence).reshape(-1),
+        weight=(sampled.of(weight) / sampled.probability).reshape(-1),
+        block=np.tile(sampled.block, 3),
+        bound=sampled.of(weighted(observation, bound)).reshape(-1),
+    )
+    return CheckedView(state, sampled, rows, free, (of_scene, of_response), weight, evidence)
+
+
+def joined_rows(views: Sequence[Rows]) -> Rows:
+    """The rows of all views, whose blocks are not each other's."""
+    first = np.cumsum([0, *(view.block.max(initial=-1) + 1 for view in views[:-1])])
+    views = [view._replace(block=view.block + start) for view, start in zip(views, first.tolist(), strict=True)]
+    return Rows(*(np.concatenate(parts) for parts in zip(*views, strict=True)))

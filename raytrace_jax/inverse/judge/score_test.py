@@ -26,7 +26,7 @@ from ...scene.response import (
 from ...scene.scene import CameraResponse
 from ...scene.schema import RGB, Attribute, Range
 from ...util.numerics import TINY, on_device, solve_normal
-from ..problem.fixed import fixed_numbers, number_size
+from ..problem.fixed import fixed_numbers, moving_numbers, number_size
 from ..problem.unknowns import Covariance, Image
 from .columns import SampledPicture, number_columns
 
@@ -159,9 +159,13 @@ def response_hypotheses(
             unit of the number itself.
     """
     problem = pixels.problem
-    film = problem.scene_at(pixels.state.y).film or neutral_response(problem.observation.target.dtype)
-    free = {resolve(problem.scene, name).address for name in problem.unknowns.names}
-    leaders = {resolve(problem.scene, leader).address for _, leader in problem.unknowns.ties}
+    film = problem.scene_at(pixels.state.y).film
+    if film is None:
+        film = neutral_response(problem.observation.target.dtype)
+        if problem.whole.further_views:  # Each has its own, of the camera's name.
+            film = dataclasses.replace(film, name=problem.scene.camera.name)
+    free = set(moving_numbers(problem.scene, dataclasses.replace(problem.local, ties=())))
+    leaders = {resolve(problem.scene, leader).address for _, leader in problem.local.ties}
     alone, tied = ({(a.field, a.component or 0) for a in each if a.group == FILM} for each in (free - leaders, leaders))
 
     def developed(film: CameraResponse) -> Image:

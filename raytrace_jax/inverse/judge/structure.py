@@ -1,5 +1,7 @@
 """The structure of a residual: whether it is noise, whether one beats another, whether far pixels go together."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
@@ -54,9 +56,15 @@ def is_near(residual: Image, target: Image, counts: Mask) -> bool:
 
 def explains(state: FitState) -> bool:
     """Whether the picture there explains the target; a picture that is not finite does not."""
-    matters = np.any(np.asarray(state.linearization.matters), axis=0)
-    return state.linearization.is_finite and is_explained(
-        state.residual, state.weighted_target, state.observation.counts, matters
+    return all(
+        view.linearization.is_finite
+        and is_explained(
+            view.residual,
+            view.weighted_target,
+            view.observation.counts,
+            np.any(np.asarray(view.linearization.matters), axis=0),
+        )
+        for view in state.views
     )
 
 
@@ -75,16 +83,18 @@ def structure_and_contrast(residual: Image, target: Image, where: Mask) -> tuple
     return float(np.sqrt(np.mean(means**2))), float(np.mean(colours.std(axis=1)))
 
 
-def vuong_evidence(better: Image, other: Image) -> float:
-    """Standard errors by which one residual, weighted and under the loss, beats another (after Vuong 1989).
+def vuong_evidence(better: Sequence[Image], other: Sequence[Image]) -> float:
+    """Standard errors by which one weighted residual of all views, under the loss, beats another (after Vuong 1989).
 
     The squares differ by `2 better (other - better) + (other - better)^2`. The first part is as likely to help as to
     harm if both pictures are equally good: its scatter is the measure, summed by blocks of pixels since neighbours err
     together. The second part grows with the pictures' difference, and its scatter would hide a clear one.
     """
-    gain = float(np.sum(other**2 - better**2))
+    pairs = list(zip(better, other, strict=True))
+    gain = sum(float(np.sum(worse**2 - best**2)) for best, worse in pairs)
     # Blocks of 8 pixels, as a JPEG's.
-    chance = float(np.linalg.norm(block_sums(2 * better * (other - better), 8).sum(0)))
+    chances = [np.linalg.norm(block_sums(2 * best * (worse - best), 8).sum(0)) for best, worse in pairs]
+    chance = float(np.linalg.norm(chances))
     return gain / chance if chance > 0 else float(np.inf if gain > 0 else 0)
 
 
@@ -112,19 +122,23 @@ def distant_correlation(residual: Image, near: int = 4) -> float:
     return float(np.sum(sums) / max(np.linalg.norm(sums), TINY))
 
 
-def block_scatter(jacobian: PixelJacobian, weight: Image, residual: Image) -> Covariance:
+def block_scatter(views: Sequence[tuple[PixelJacobian, Image, Image]]) -> Covariance:
     """Covariance of a least-squares estimate whose residuals are correlated within blocks of pixels.
 
     The sandwich `A^-1 (sum of g g^T) A^-1`, with `A = J^T W J` and `g = J^T W r` of each block (Liang and Zeger 1986),
     with blocks of the side that makes it largest.
+
+    Args:
+        views: Jacobian J, weights W and residual r of each.
     """
-    count = len(jacobian)
-    flat = jacobian.reshape(count, -1)
-    normal = (flat * weight.reshape(-1)) @ flat.T
-    length, pulls = np.sqrt(np.maximum(np.diagonal(normal), 0)), np.sum(jacobian * (weight * residual), axis=1)
+    count = len(views[0][0])
+    flats = [(jacobian.reshape(count, -1), weight.reshape(-1)) for jacobian, weight, _ in views]
+    normal = sum((flat * weight) @ flat.T for flat, weight in flats)
+    length = np.sqrt(np.maximum(np.diagonal(normal), 0))
+    pulls = [np.sum(jacobian * (weight * residual), axis=1) for jacobian, weight, residual in views]
     moved = []
     for side in (16, 32, 64):
-        by_block = block_sums(pulls, side).reshape(count, -1)
+        by_block = np.concatenate([block_sums(pull, side).reshape(count, -1) for pull in pulls], axis=1)
         # The pulls sum up to nothing at the optimum: fewer than 30 blocks show too little of their scatter.
         if moved and np.count_nonzero(by_block.any(axis=0)) < 30:
             break

@@ -9,13 +9,10 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from ...util.numerics import MAD_TO_SIGMA, TINY
-from ..problem.linearize import outer
+from ..problem.linearize import RANK_TOLERANCE, outer
 from ..problem.noise import rounding_scatter, score_covariance
 from ..problem.problem import FitState
 from ..problem.unknowns import Covariance, Values
-
-RANK_TOLERANCE = 1e-9
-"""A direction along which the picture changes this much less than along the strongest one is not determined."""
 
 NULL_COMPONENT = 1e-3
 """A parameter whose component along a null direction exceeds this is reported as undetermined."""
@@ -89,7 +86,7 @@ def noise_level(state: FitState) -> float:
     return float(np.sqrt(float(linearization.squares) / max(freedom, 1)))
 
 
-def quantify_uncertainty(state: FitState, sigma: float | None, *others: FitState) -> Uncertainty:
+def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
     """Covariance, bounds and degeneracies at an unblurred optimum.
 
     At the optimum the scores add up to 0, `g = sum J^T rho'(r) = 0`. Noise moves them by a dg of covariance M, and the
@@ -99,15 +96,12 @@ def quantify_uncertainty(state: FitState, sigma: float | None, *others: FitState
     noise is added: no error is below the bound. H and M are taken in the directions in which the Jacobian's triangle R
     is the identity, since an inverse of `J^T J` would square the condition number.
 
-    Several pictures that share the unknowns have noise of their own: their H and M add up, and R is that of all rows.
+    Several views have noise of their own: their H and M add up, and R is that of all rows.
 
     The covariance of displacements is added that the target's samples, or the solver, do not resolve although the
     derivative does. Where sums of squares are beyond the dtype nothing is known, and the errors are NaN.
-
-    Args:
-        others: other pictures at the same unknowns, whose residuals have the same unit; `next_step` is that of `state`.
     """
-    states, sums = (state, *others), ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
+    states, sums = state.views, ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
     if all(np.isfinite(np.asarray(getattr(each.linearization, name))).all() for each in states for name in sums):
         with contextlib.suppress(np.linalg.LinAlgError), np.errstate(over="ignore", invalid="ignore"):
             uncertainty = _quantify(states, sigma)

@@ -24,7 +24,7 @@ def fixed_numbers(problem: Problem, named: Container[str] = ()) -> dict[str, Par
     A single number that is 0, such as the transparency of a wall, says that there is nothing: it is left out unless it
     is wanted by name. So is what cannot move alone, such as one component of a rectangle's side.
     """
-    scene, moving, numbers = problem.scene, moving_numbers(problem.scene, problem.unknowns), {}
+    scene, moving, numbers = problem.scene, moving_numbers(problem.scene, problem.local), {}
     for name in scalar_names(scene, list_parameters(scene)):
         parameter = resolve(scene, name)
         address = parameter.address
@@ -37,7 +37,8 @@ def fixed_numbers(problem: Problem, named: Container[str] = ()) -> dict[str, Par
 
 def moving_numbers(scene: Scene, unknowns: Unknowns) -> dict[Address, str]:
     """The names of the numbers that are free or tied to a free one."""
-    names = [*unknowns.names, *(follower for follower, _ in unknowns.ties)]
+    seen = [name for name in unknowns.names if name not in unknowns.unseen]
+    names = [*seen, *(follower for follower, _ in unknowns.ties)]
     return {resolve(scene, name).address: name for name in names}
 
 

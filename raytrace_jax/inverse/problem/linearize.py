@@ -11,10 +11,14 @@ from jaxtyping import Array, Bool, Float
 
 from ...images.filters import gaussian_blur
 from ...util.compilation import jit
+from ...util.numerics import TINY
 from ..options import LossName
 from .observation import Observation
 from .prediction import PredictedPicture
-from .unknowns import AnyArray, Prior, Vector
+from .unknowns import AnyArray, Prior, Values, Vector
+
+RANK_TOLERANCE = 1e-9
+"""A direction along which the picture changes this much less than along the strongest one is not determined."""
 
 Residual = Float[Array, "*any"]
 Scale = Float[Array, ""]
@@ -184,3 +188,13 @@ def linearize(
 def outer(jacobian: Float[AnyArray, "parameters rows"]) -> Float[AnyArray, "parameters parameters"]:
     """`J^T J` of a Jacobian that is stored by columns, of JAX or of numpy."""
     return jacobian @ jacobian.T
+
+
+def gauss_newton_step(linearization: Linearization) -> Values:
+    """The step to the minimum of the sum of squares near a point; it is 0 along what the picture does not determine."""
+    triangle, residual = (np.asarray(part, np.float64) for part in (linearization.jacobian, linearization.residual))
+    if not (np.isfinite(triangle).all() and np.isfinite(residual).all()):
+        return np.zeros(triangle.shape[1])  # Squares beyond the dtype: no step is known.
+    pulls, strengths, directions = np.linalg.svd(triangle, full_matrices=False)
+    strong = strengths > RANK_TOLERANCE * max(strengths[0], TINY)
+    return -directions[strong].T @ (pulls[:, strong].T @ residual / strengths[strong])

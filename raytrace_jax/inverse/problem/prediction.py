@@ -108,10 +108,12 @@ class CameraModel:
 
     def picture(self, light: PredictedPicture, y: Vector, frame: Frame) -> PredictedPicture:
         """The picture after the camera's response at the unknowns `y`, with the derivatives by all of them."""
-        if not self.is_needed:
+        if not (self.is_needed or self.unknowns.unseen):
             return light
         jacobian = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
         jacobian[list(self.unknowns.traced)] = light.jacobian
+        if not self.is_needed:
+            return PredictedPicture(light.image, self._array(jacobian), light.sees_edge)
         developed = response_derivatives(light.image, jacobian, self._array(y), self.of_scene, self.unknowns, frame)
         return PredictedPicture(developed[0], developed[1], light.sees_edge)
 

@@ -38,12 +38,19 @@ from .unknowns import (
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """A scene, the target to compare it with, and the numbers that are free.
+    """A scene, the target to compare it with, and the numbers that are free; with `others`, of several views.
+
+    Of several views, cameras with a target each, a problem is the first one and has the others. What is said of pixels
+    is said of one view; unknowns, and sums of squares, are those of all.
 
     The target is `t = Q(C(D(S(L)))) + e`: its pixels sample the scene's radiance L (S), the camera responds (D), a file
     is compressed (C) and rounds to steps (Q), and there is noise (e).
 
     Args:
+        scene: what the view's camera sees of `whole`: the scene without its other views.
+        unknowns, local: the numbers that are free, by names of `whole`; and as this view knows them.
+        others: the other views; the prior counts in the first one alone.
+        zoom: the width of the target as a share of the widest view's; stages are those of the widest.
         samples: S: each pixel is the mean of a regular grid of so many samples a side; None for the mean over its area,
             or for samples that are not known.
         storage: C, if the target was a JPEG.
@@ -55,6 +62,10 @@ class Problem:
     unknowns: Unknowns
     prior: Prior
     base: ResolvedSettings
+    whole: Scene
+    local: Unknowns
+    others: tuple["Problem", ...] = ()
+    zoom: float = 1.0
     samples: int | None = None
     storage: JpegStorage | None = None
     unit: float = 1.0
@@ -62,6 +73,15 @@ class Problem:
     _pictures: OrderedDict[Hashable, PredictedPicture] = dataclasses.field(repr=False, default_factory=OrderedDict)
     # Not an argument, so that a copy with another observation does not keep the old one's.
     _binned: dict[int, Observation] = dataclasses.field(init=False, repr=False, default_factory=dict)
+
+    @functools.cached_property
+    def views(self) -> tuple["Problem", ...]:
+        """Each view as a problem of its own."""
+        return (dataclasses.replace(self, others=()), *self.others) if self.others else (self,)
+
+    def of_views(self, views: Sequence["Problem"]) -> "Problem":
+        """The problem of other versions of its views, in their order."""
+        return dataclasses.replace(views[0], others=tuple(views[1:]))
 
     def in_own_unit(self, unit: float | None = None) -> "Problem":
         """The same problem, whose residuals have no unit: about 1 where the picture is black and the target is not.
@@ -75,7 +95,16 @@ class Problem:
         if unit is None:
             unit = self.observation.light_unit * nearest_power(np.sqrt(np.mean(root[root > 0] ** 2)))
         observation = dataclasses.replace(self.observation, root_weight=self.array(root / unit))
-        return dataclasses.replace(self, observation=observation, unit=self.unit * unit)
+        others = tuple(each.in_own_unit(unit) for each in self.others)
+        return dataclasses.replace(self, observation=observation, unit=self.unit * unit, others=others)
+
+    def zoomed(self, stage: Stage) -> Stage:
+        """The stage of this view: blur and binning are in proportion to its width."""
+        return dataclasses.replace(stage, blur=stage.blur * self.zoom, binning=self.zoomed_binning(stage.binning))
+
+    def zoomed_binning(self, binning: int) -> int:
+        """The binning of this view with which its pixels are as many as the widest view's with that binning."""
+        return max(1, round(binning * self.zoom))
 
     @property
     def extent(self) -> int:
@@ -93,7 +122,7 @@ class Problem:
     @functools.cached_property
     def camera(self) -> CameraModel:
         """The camera's response to the scene's radiance."""
-        return CameraModel(self.scene, self.unknowns, np.asarray(self.prior.precision) > 0)
+        return CameraModel(self.scene, self.local, np.asarray(self.prior.precision) > 0)
 
     def binned(self, binning: int) -> Observation:
         """The target in larger pixels."""
@@ -145,7 +174,12 @@ class Problem:
 
     def start(self) -> Vector:
         """The unknowns at the start."""
-        return self.y_of(self.unknowns.initial(self.scene))
+        return self.y_of(self.initial)
+
+    @functools.cached_property
+    def initial(self) -> Values:
+        """The values at the start."""
+        return self.unknowns.initial(self.whole)
 
     def values(self, y: Vector) -> Values:
         """The parameters' values at unknowns `y`."""
@@ -167,22 +201,27 @@ class Problem:
     def scale(self) -> Values:
         """The natural scales of the parameters: how large a large change of each is."""
         light, model = self.observation.light_unit, self.base.model
-        return np.array([natural_scale(self.scene, name, model, light) for name in self.unknowns.names])
+        return np.array([natural_scale(self.whole, name, model, light) for name in self.unknowns.names])
 
     def distance(self, one: Values, other: Values) -> float:
         """The largest difference of any value, in natural scales."""
         return float(np.max(np.abs(one - other) / self.scale))
 
     def scene_at(self, y: Vector) -> Scene:
-        """The scene at unknowns `y`."""
-        moved = moved_scene(without_texels(self.scene), self.array(self.values(y)), self.unknowns)
+        """What the view's camera sees at unknowns `y`."""
+        moved = moved_scene(without_texels(self.scene), self.array(self.values(y)), self.local)
         return with_texels(moved, self.scene)
+
+    def whole_at(self, y: Vector) -> Scene:
+        """The scene with all of its views at unknowns `y`."""
+        moved = moved_scene(without_texels(self.whole), self.array(self.values(y)), self.unknowns)
+        return with_texels(moved, self.whole)
 
     def scenes_with(self, values: Float[np.ndarray, "scenes parameters"]) -> Scene:
         """Scenes without film that have these values of the other free parameters, stacked as by `map_scenes`."""
-        rows = self.array(values[:, list(self.unknowns.traced)])
+        rows = self.array(values[:, list(self.local.traced)])
         plain = dataclasses.replace(without_texels(self.scene), film=None)
-        return with_texels(moved_scenes(plain, rows, self.unknowns.traced_unknowns), self.scene)
+        return with_texels(moved_scenes(plain, rows, self.local.traced_unknowns), self.scene)
 
     def picture(self, y: Vector, edges: EdgeMode, binning: int = 1) -> PredictedPicture:
         """The picture at `y` and its derivatives."""
@@ -196,14 +235,14 @@ class Problem:
         """
         # What is traced: the unknowns that are not the response's, of the scene without one.
         scene = dataclasses.replace(self.scene, film=None)
-        y = self.array(np.asarray(y)[list(self.unknowns.traced)])
+        y = self.array(np.asarray(y)[list(self.local.traced)])
         place = np.asarray(y).tobytes(), edges, binning
         if place in self._pictures:
             self._pictures.move_to_end(place)
             return self._pictures[place]
 
         settings, shape = self.settings(edges, binning), self.binned(binning).target.shape
-        pixels = self.model.differentiate(y, scene, self.pixels(binning), self.unknowns.traced_unknowns, settings)
+        pixels = self.model.differentiate(y, scene, self.pixels(binning), self.local.traced_unknowns, settings)
         image, jacobian = pixels.color.reshape(shape), pixels.jacobian.reshape(-1, *shape)
         sees_edge = np.asarray(pixels.sees_edge).reshape(shape[1:]) if edges == "aware" else None
         picture = PredictedPicture(self.array(image), self.array(jacobian), sees_edge)
@@ -227,6 +266,8 @@ class Problem:
 class FitState:
     """The state of a fit: a point, the problem there, and whether a solver came to rest.
 
+    Of several views it is that of the first, and has the states of the others; `joint` is of all.
+
     Args:
         problem: what is solved: the problem given, with the bias that the edge-aware picture was found to have.
         next_step: the step that the solver did not take, of the unknowns, where steps ended on their own.
@@ -244,11 +285,52 @@ class FitState:
     next_move: float = 0.0
     confusion: Covariance | None = None
     within: Image | None = None
+    others: tuple["FitState", ...] = ()
 
     @classmethod
     def at(cls, problem: Problem, y: Vector, stage: Stage) -> "FitState":
         """The state at unknowns to which no solver has come yet."""
-        return cls(problem, y, stage, problem.linearize(y, stage))
+        own = problem.zoomed(stage)
+        others = tuple(cls.at(each, y, stage) for each in problem.others)
+        return cls(problem, y, own, problem.linearize(y, own), others=others)
+
+    @functools.cached_property
+    def views(self) -> tuple["FitState", ...]:
+        """The state of each view, as of a problem of its own."""
+        if not self.others:
+            return (self,)
+        return (dataclasses.replace(self, problem=self.problem.views[0], others=()), *self.others)
+
+    def of_views(self, views: Sequence["FitState"], **changes: object) -> "FitState":
+        """The state of other versions of its views, in their order, and with other changes."""
+        problem = self.problem.of_views([view.problem for view in views])
+        return dataclasses.replace(views[0], problem=problem, others=tuple(views[1:]), **changes)
+
+    @functools.cached_property
+    def joint(self) -> Linearization:
+        """The least-squares problem of all views: their sums, in one triangle; what it has of pixels is the first's."""
+        if not self.others:
+            return self.linearization
+        each, dtype = [view.linearization for view in self.views], self.problem.observation.target.dtype
+        rows = [np.column_stack([np.asarray(one.jacobian), np.asarray(one.residual)]) for one in each]
+        triangle = np.linalg.qr(np.concatenate(rows).astype(np.float64), mode="r")
+        triangle *= np.where(np.diagonal(triangle) < 0, -1, 1)[:, None]
+        parts = {
+            name: on_device(sum(np.asarray(getattr(one, name), np.float64) for one in each), dtype)
+            for name in ("squares", "information", "curvature", "pixel_scatter")
+        }
+        jacobian, residual = (on_device(part, dtype) for part in (triangle[:, :-1], triangle[:, -1]))
+        return dataclasses.replace(self.linearization, jacobian=jacobian, residual=residual, **parts)
+
+    @property
+    def residuals(self) -> tuple[Image, ...]:
+        """The unblurred, weighted residual of each view."""
+        return tuple(view.residual for view in self.views)
+
+    @property
+    def typical(self) -> float:
+        """The largest of the views' typical residuals."""
+        return max(float(view.linearization.typical) for view in self.views)
 
     @property
     def observation(self) -> Observation:
@@ -267,8 +349,9 @@ class FitState:
 
     @property
     def rms_residual(self) -> float:
-        """Root mean square of the unblurred, weighted residual over the numbers that count."""
-        return float(np.linalg.norm(self.residual) / np.sqrt(max(self.observation.count, 1)))
+        """Root mean square of the unblurred, weighted residual over the numbers that count in all views."""
+        squares = sum(float(np.sum(view.residual**2)) for view in self.views)
+        return float(np.sqrt(squares / max(sum(view.observation.count for view in self.views), 1)))
 
     def under_loss(
         self,

@@ -96,7 +96,7 @@ class ResampledPicture:
         # Listed pixels are sampled anew, all others follow the derivative.
         problem, image, move = self.problem, self.mean, np.asarray(y, np.float64) - self.y
         if move.any():
-            step = move[list(problem.unknowns.traced)]
+            step = move[list(problem.local.traced)]
             image = image + np.tensordot(step, np.asarray(self.radiance.jacobian, np.float64), 1)
             image[:, self.row, self.column] = pixel_moments(problem, y, self.column, self.row, self.offsets)[0]
         radiance = PredictedPicture(problem.array(image), self.radiance.jacobian)

@@ -117,21 +117,23 @@ class Unknowns:
         transforms: the function of each that keeps its value within its bounds.
         ties: (follower, leader) pairs of scalar parameters: the follower always has the leader's value.
         of_film: the names that are the film's; they change the picture only after it is traced.
+        unseen: the names that change nothing in a view, since they are another view's.
     """
 
     names: tuple[str, ...]
     transforms: tuple[Transform, ...]
     ties: tuple[tuple[str, str], ...] = ()
     of_film: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
 
     @property
     def traced(self) -> tuple[int, ...]:
-        """The places of the parameters that are not the film's."""
-        return tuple(place for place, name in enumerate(self.names) if name not in self.of_film)
+        """The places of the parameters of what is traced: they are not the film's, and not another view's."""
+        return tuple(k for k, name in enumerate(self.names) if name not in (*self.of_film, *self.unseen))
 
     @property
     def traced_unknowns(self) -> "Unknowns":
-        """The unknowns that are not the film's: those of what is traced."""
+        """The unknowns of what is traced."""
         names = tuple(self.names[place] for place in self.traced)
         transforms = tuple(self.transforms[place] for place in self.traced)
         ties = tuple(pair for pair in self.ties if pair[1] in names)
@@ -158,8 +160,30 @@ class Unknowns:
 
     def scene(self, scene: Scene, values: Vector | Values) -> Scene:
         """The scene with these values, ties followed."""
-        value: Mapping[str, ArrayLike] = {name: values[k] for k, name in enumerate(self.names)}
+        value: Mapping[str, ArrayLike] = {
+            name: values[k] for k, name in enumerate(self.names) if name not in self.unseen
+        }
         return set_parameters(scene, {**value, **{follower: value[leader] for follower, leader in self.ties}})
+
+    def seen_in(self, scene: Scene) -> "Unknowns":
+        """The same unknowns as the camera of a scene of several views knows them.
+
+        What is another view's is unseen; where a number of this view follows it, that one stands in its place.
+        """
+
+        def is_here(name: str) -> bool:
+            return not resolve(scene, name).address.is_elsewhere
+
+        names, ties, unseen = [], [], []
+        for name in self.names:
+            followers = [follower for follower, leader in self.ties if leader == name and is_here(follower)]
+            own = name if is_here(name) or not followers else followers.pop(0)
+            names.append(own)
+            ties += [(follower, own) for follower in followers]
+            unseen += [] if is_here(own) else [own]
+        of_film = response_effects(scene, names)
+        of_film = tuple(name for name in names if name in of_film)
+        return Unknowns(tuple(names), self.transforms, tuple(ties), of_film, tuple(unseen))
 
     def moved(self, scene: Scene, y: Vector) -> Scene:
         """The scene at unknowns `y`."""
@@ -205,12 +229,17 @@ def make_unknowns(
     pairs = [(follower, spelled(scene, names, leader, "leader of a tie")) for follower, leader in pairs]
     # Refuses a follower that is free itself, also under another spelling.
     scalar_names(scene, [*names, *(follower for follower, _ in pairs)])
-    of_film = response_effects(scene, [*names, *(follower for follower, _ in pairs)])
+    of_film = all_response_effects(scene, [*names, *(follower for follower, _ in pairs)])
     for follower, leader in pairs:
         if (follower in of_film) != (leader in of_film):
             raise ParameterError(f"tie {follower}={leader}: one is the film's and the other is not.")
     transforms = tuple(_transform(scene, name, model, light) for name in names)
     return Unknowns(tuple(names), transforms, tuple(pairs), tuple(name for name in names if name in of_film))
+
+
+def all_response_effects(scene: Scene, names: Sequence[str]) -> dict[str, str]:
+    """The effect of each of the names that are numbers of a camera's film, of all cameras."""
+    return {k: v for camera in scene.cameras for k, v in response_effects(scene.seen_by(camera), names).items()}
 
 
 def _transform(scene: Scene, name: str, model: ModelName, light: float) -> Transform:

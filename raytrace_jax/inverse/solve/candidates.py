@@ -79,7 +79,7 @@ class Ball(NamedTuple):
 
 def searched(problem: Problem, places: Iterable[int]) -> tuple[list[Ball], list[tuple[int, ...]]]:
     """The balls with a free position, and the free indices of other materials, each with its places, one a channel."""
-    scene, names = problem.scene, problem.unknowns.names
+    scene, names = problem.whole, problem.unknowns.names
     positions: dict[Address, tuple[Block, dict[int, int]]] = {}
     indices: dict[Address, tuple[int, ...]] = {}
     for place in places:
@@ -105,7 +105,7 @@ def groups(problem: Problem) -> list[list[ScanGrid]]:
     stays where it starts: the solver finds it. Indices of one material, one a channel, take the same value in each
     trial.
     """
-    scene, initial = problem.scene, problem.unknowns.initial(problem.scene)
+    scene, initial = problem.whole, problem.initial
     balls, others = searched(problem, np.flatnonzero(np.asarray(problem.prior.precision) == 0).tolist())
 
     def all_indices(places: tuple[int, ...]) -> ScanGrid:
@@ -181,10 +181,10 @@ def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
     """
     problem = solution.problem
     names, values, unseen = problem.unknowns.names, problem.values(solution.y), dict[str, tuple[str, ...]]()
-    unbiased = problem.observation.with_bias(np.zeros(problem.observation.target.shape))
 
-    def residual(values: Values) -> Image:
-        return unbiased.residual(supersampled(problem, problem.y_of(values), problem.samples or 4))
+    def residuals(values: Values) -> list[Image]:
+        pairs = [(view, supersampled(view, problem.y_of(values), view.samples or 4)) for view in problem.views]
+        return [view.observation.with_bias(np.zeros_like(image)).residual(image) for view, image in pairs]
 
     for ball in searched(problem, range(len(names)))[0]:
         # Such a ball deflects light by less than a tenth of a radian; a search that finds nothing ends still nearer.
@@ -192,6 +192,6 @@ def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
             continue
         center, without = list(ball.axes.values()), values.copy()
         without[center] += 1e4 * problem.scale[center]  # Out of sight.
-        if vuong_evidence(residual(values), residual(without)) < EVIDENCE:
+        if vuong_evidence(residuals(values), residuals(without)) < EVIDENCE:
             unseen[ball.name] = tuple(names[place] for place in (*ball.indices, *center))
     return unseen

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import itertools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +17,7 @@ from ..options import FitOptions, Stage
 from ..problem.detect import detect_samples, detect_sampling
 from ..problem.linearize import LOSSES
 from ..problem.problem import FitState, Problem
-from ..problem.sampling import COARSE_SAMPLES, lattice_size, point_sampled, resampled
+from ..problem.sampling import COARSE_SAMPLES, ResampledPicture, lattice_size, point_sampled, resampled
 from ..problem.unknowns import Image, Values, Vector
 from ..progress import LocalMinimum, Progress, Record
 from ..result import PROFILE_95, Profile
@@ -42,7 +42,8 @@ def select_solution(
     """
     if options.known_sampling == "auto":
         progress.phase("telling how the target was sampled")
-        options = dataclasses.replace(options, target_sampling=detect_sampling(problem, minima[0].y))
+        found = {detect_sampling(view, minima[0].y) for view in problem.views}
+        options = dataclasses.replace(options, target_sampling="point" if found == {"point"} else "box")
     progress.phase("solving on the whole picture")
     # Small pictures are a coarse model: a runner-up is out only where twice the usual evidence is against it.
     rivals = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < 2 * EVIDENCE][:2]
@@ -57,8 +58,9 @@ def select_solution(
     ends: list[tuple[LocalMinimum, FitState]] = []
     for minimum, solution in zip((minima[0], *rivals), solutions, strict=True):
         end = LocalMinimum.of(solution, minimum.summary.candidate, level)
-        ends.append((end._replace(residual=solution.under_loss("residual", loss_scale)), solution))
-    ends.sort(key=lambda end: finite_or_last(float(np.sum(end[0].residual ** 2))))
+        residual = tuple(view.under_loss("residual", loss_scale) for view in solution.views)
+        ends.append((end._replace(residual=residual), solution))
+    ends.sort(key=lambda end: finite_or_last(sum(float(np.sum(part**2)) for part in end[0].residual)))
     best, winner = ends[0]
     # Starts that came together on the whole picture are one minimum, as far as solves stop apart.
     distinct = [end for end, _ in ends[1:] if problem.distance(end.summary.value, best.summary.value) > 1e-3]
@@ -87,30 +89,53 @@ def refine(
     structure moves the answer more.
     """
     stage, steps = options.last_stage, options.max_steps
+    is_weighed = bool(problem.others) and options.sigma is None
 
     def solve(y: Vector, stage: Stage, method: LevenbergMarquardt) -> FitState:
         return solve_robustly(problem, y, stage, options.sigma, record, method)
 
     if stage.edges == "point":
-        problem = dataclasses.replace(problem, samples=problem.base.samples)
+        problem = problem.of_views([dataclasses.replace(view, samples=view.base.samples) for view in problem.views])
         # To about an error bar, since the steps that follow do not ask whether the cost falls. The few point samples
         # that an edge has passed are outliers.
         near = LevenbergMarquardt(steps, relative=1e-6, decrease=1e-6, rejected=1)
         solution = solve(y, dataclasses.replace(stage, loss="cauchy"), near)
+        if is_weighed:
+            solution = balanced(solution)
+            problem = solution.problem
         solution = minimise(GaussNewton(), solution, lambda y: FitState.at(problem, y, solution.stage), record)
         return solution if stage.loss != "l2" else solve(solution.y, stage, LevenbergMarquardt(steps))
 
     # Corrections, and what is not explained, move the answer by more than a hundredth of an error bar.
     solution = solve(y, stage, LevenbergMarquardt(steps, relative=1e-6, decrease=1e-4, rejected=1))
-    samples, coarse = "aware" if options.known_sampling == "aware" else problem.samples, None
-    if samples is None:
+    if is_weighed:
+        solution = balanced(solution)
+        problem = solution.problem
+    samples, coarse = ["aware" if options.known_sampling == "aware" else view.samples for view in problem.views], []
+    if None in samples:
         progress.phase("telling the target's samples")
-        coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
-        samples = detect_samples(solution, coarse[1])
-    if samples != "aware":
-        problem = dataclasses.replace(problem, samples=samples)
-        return settle(problem, solution, progress, record, coarse, error_of and error_of(solution))
+        coarse = [point_sampled(view, solution.y, COARSE_SAMPLES) for view in problem.views]
+        parts = zip(solution.views, samples, coarse, strict=True)
+        samples = [detect_samples(view, pair[1]) if known is None else known for view, known, pair in parts]
+    if samples != ["aware"] * len(samples):
+        # Beside samples that are known areas are those of a view whose samples are edge-aware ones.
+        known = [None if each == "aware" else each for each in samples]
+        views = [dataclasses.replace(view, samples=n) for view, n in zip(problem.views, known, strict=True)]
+        return settle(problem.of_views(views), solution, progress, record, coarse, error_of and error_of(solution))
     return solve(solution.y, stage, LevenbergMarquardt(steps)) if explains(solution) else solution
+
+
+def balanced(solution: FitState) -> FitState:
+    """The state whose views count by their noise: residuals of each have the size of the first one's."""
+    noises = [noise_level(view) for view in solution.views]
+    views = []
+    for view, noise in zip(solution.views, noises, strict=True):
+        # A view without noise counts a thousand times as much as another, not infinitely.
+        factor = float(np.clip((noises[0] + 1e-12) / (noise + 1e-12), 1e-3, 1e3))
+        observation = view.problem.observation.weighted(np.full(view.problem.observation.counts.shape, factor**2))
+        problem = dataclasses.replace(view.problem, observation=observation, unit=view.problem.unit / factor)
+        views.append(FitState.at(problem, view.y, view.stage))
+    return solution.of_views(views, settled=solution.settled)
 
 
 def settle(
@@ -118,7 +143,7 @@ def settle(
     solution: FitState,
     progress: Progress,
     record: Record,
-    coarse: tuple[Image, Image] | None = None,
+    coarse: Sequence[tuple[Image, Image]] = (),
     error: Values | None = None,
 ) -> FitState:
     """Take steps on the picture as it was observed; the edge-aware derivative leads.
@@ -133,40 +158,54 @@ def settle(
     many samples as it takes for their error to be a small part of the residual.
 
     Args:
-        coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
+        coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, of each view, if they are known.
         error: about the standard errors that the unknowns will have: samples that would move them by far less are not
             traced, and so short steps are not taken.
     """
     # The typical residual's: pixels at edges are off by what is to be found here.
-    noise = 0.0 if error is None else MAD_TO_SIGMA * float(solution.linearization.typical)
-    stage, y, size, left = solution.stage, solution.y, lattice_size(), 4
+    noises = [0.0 if error is None else MAD_TO_SIGMA * float(v.linearization.typical) for v in solution.views]
+    stage, y, sizes, left = solution.stage, solution.y, [lattice_size()] * len(noises), 4
     whose = "a supersampled picture" if problem.samples is None else "a picture of the target's own samples"
     # Again with more samples, or with another derivative and list of pixels, which hold up to a tenth of a pixel of a
     # large ball. What is not explained will not be explained by them.
     while True:
         progress.phase(f"comparing with {whose}")
         begun = time.monotonic()
-        picture = resampled(problem, y, stage, size, coarse, noise)
+        known = coarse or [None] * len(noises)
+        views = zip(problem.views, sizes, known, noises, strict=True)
+        pictures = [resampled(view, y, stage, size, pair, noise) for view, size, pair, noise in views]
         # Each step samples as much again; most targets take two or three.
         if (seconds := 3 * (time.monotonic() - begun)) > 10:
             progress.phase(f"comparing with {whose}: about {seconds:.0f} s")
-        near = functools.partial(picture.state, stage=stage)
+
+        near = functools.partial(state_on, pictures, stage)
         lowest = minimise(GaussNewton(error=error), near(y), near, record)
-        needed, coarse, left = max(size, picture.needed_size(lowest, error)), None, left - 1
-        moved = problem.distance(problem.values(lowest.y), problem.values(y))
-        if (moved < 1e-3 and needed == size) or left == 0 or not explains(lowest):
+        ends = zip(pictures, lowest.views, sizes, strict=True)
+        needed = [max(size, picture.needed_size(view, error)) for picture, view, size in ends]
+        moved, coarse, left = problem.distance(problem.values(lowest.y), problem.values(y)), (), left - 1
+        if (moved < 1e-3 and needed == sizes) or left == 0 or not explains(lowest):
             break
-        y, size = lowest.y, needed
-    # The solution there has the edge-aware picture and its bias.
-    aware = problem.picture(lowest.y, stage.edges)
-    bias = np.asarray(lowest.linearization.image) - np.asarray(aware.image)
+        y, sizes = lowest.y, needed
+    views = [with_aware_picture(*pair) for pair in zip(lowest.views, pictures, strict=True)]
+    is_finite = all(view.linearization.is_finite for view in views)
+    return lowest.of_views(views, settled=lowest.settled and is_finite)
+
+
+def state_on(pictures: Sequence[ResampledPicture], stage: Stage, y: Vector) -> FitState:
+    """The state at unknowns near which each view is resampled."""
+    states = [picture.state(y, stage) for picture in pictures]
+    return states[0].of_views(states)
+
+
+def with_aware_picture(view: FitState, picture: ResampledPicture) -> FitState:
+    """A view at the end of steps on a resampled picture: with the edge-aware picture there, and its bias."""
+    problem = view.problem
+    bias = np.asarray(view.linearization.image) - np.asarray(problem.picture(view.y, view.stage.edges).image)
     observed = dataclasses.replace(problem, observation=problem.observation.with_bias(bias))
-    linearization = observed.linearize(lowest.y, stage)
     return dataclasses.replace(
-        lowest,
+        view,
         problem=observed,
-        linearization=linearization,
-        settled=lowest.settled and linearization.is_finite,
+        linearization=observed.linearize(view.y, view.stage),
         confusion=picture.confusion(),
         within=picture.weighted_variance if problem.samples is None else None,
     )
@@ -190,12 +229,12 @@ def solve_robustly(
     least = max(1e-12, 10 * float(jnp.finfo(problem.observation.target.dtype).eps))
     # Go on while the typical residual falls by three tenths or more: ten solves take off a factor of 35.
     for _ in range(10):
-        before = float(solution.linearization.typical)
-        noise = sigma if sigma is not None else noise_level(solution)
+        before = solution.typical
+        noise = sigma if sigma is not None else max(map(noise_level, solution.views))
         scale = LOSSES[stage.loss].tuning * max(MAD_TO_SIGMA * before, sigma or 0.0, least)
         stage = dataclasses.replace(stage, noise=noise, loss_scale=scale)
         solution = levenberg_marquardt(problem, solution.y, stage, record, method)
-        if not solution.settled or float(solution.linearization.typical) > 0.7 * before:
+        if not solution.settled or solution.typical > 0.7 * before:
             break
     return solution
 
@@ -231,7 +270,7 @@ def find_profile(
             progress.phase(f"profile of {name}, {step:+.2g} standard errors")
             guess = problem.y_of(values + along * (estimate[place] + step * error - values[place]))
             least = levenberg_marquardt(problem, guess, solution.stage, method=method, held=[place])
-            values, rise = problem.values(least.y), least.linearization.cost - solution.linearization.cost
+            values, rise = problem.values(least.y), least.joint.cost - solution.joint.cost
             points[float(step)] = values, 2 * rise / uncertainty.sigma**2
     # Put both sides together, from the lowest value to the highest.
     ordered = [points[step] for step in sorted(points)]

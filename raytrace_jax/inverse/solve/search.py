@@ -15,6 +15,7 @@ from ...scene.response import RESPONSE_EFFECTS
 from ...scene.scene import map_scenes
 from ...util.numerics import TINY, finite_or_last
 from ..options import FitOptions, Stage
+from ..problem.observation import Observation
 from ..problem.prediction import best_response
 from ..problem.problem import FitState, Problem
 from ..problem.unknowns import Values, Vector
@@ -58,7 +59,7 @@ def choose_levels(problem: Problem, options: FitOptions) -> tuple[Stage, ...]:
 
 def binning_to(problem: Problem, pixels: int) -> int:
     """The binning that leaves about this many pixels."""
-    return max(1, round(math.sqrt(math.prod(problem.observation.target.shape[1:]) / pixels)))
+    return max(1, round(math.sqrt(math.prod(problem.observation.target.shape[1:]) / pixels) / problem.zoom))
 
 
 def descend(
@@ -92,7 +93,7 @@ def descend(
             return None
         rival = known[0] if blur > 0 and known and known[0].summary.explained else None
         # A residual ten times as large.
-        if rival is not None and state.linearization.cost > 100.0 * problem.linearize(rival.y, stage).cost:
+        if rival is not None and state.joint.cost > 100.0 * FitState.at(problem, rival.y, stage).joint.cost:
             return None
     return state
 
@@ -108,10 +109,13 @@ def held_under(problem: Problem, y: Vector, blur: float) -> list[int]:
     What the scene lacks, such as a shade on a board, is large where all that is fine is blurred. It would drive gain,
     offset, and a blur that is less than the level's anywhere, and with them what is sought.
     """
-    effects, values = problem.camera.free_effects, problem.values(y)
-    squared = {effect.name for effect in RESPONSE_EFFECTS if effect.is_squared}
-    lesser = [k for k, name in enumerate(problem.unknowns.names) if effects.get(name) in squared and values[k] < blur]
-    return [*problem.camera.linear_indices, *lesser] if blur > 0 else []
+    values, squared = problem.values(y), {effect.name for effect in RESPONSE_EFFECTS if effect.is_squared}
+    held = []
+    for view in problem.views if blur > 0 else ():
+        effects, names = view.camera.free_effects, enumerate(view.local.names)
+        held += [k for k, name in names if effects.get(name) in squared and values[k] < blur * view.zoom]
+        held += view.camera.linear_indices
+    return held
 
 
 def signal_left(state: FitState, blur: float) -> float:
@@ -120,8 +124,10 @@ def signal_left(state: FitState, blur: float) -> float:
     A blur beyond half the period of what differs leaves nothing of it, and a solve would follow what happens to
     remain. Near the answer, where only edges are a little off, little is left too, and no blur is needed.
     """
-    left = blurred(state.residual, blur / state.stage.binning)
-    return float(np.linalg.norm(left) / max(np.linalg.norm(state.residual), TINY))
+    left = [
+        np.linalg.norm(blurred(view.residual, blur * view.problem.zoom / view.stage.binning)) for view in state.views
+    ]
+    return float(np.linalg.norm(left) / max(np.linalg.norm([np.linalg.norm(r) for r in state.residuals]), TINY))
 
 
 def evaluate(
@@ -132,20 +138,30 @@ def evaluate(
     The measure is the root mean square of the blurred, weighted difference; infinite where a picture is not finite. The
     numbers of the film in which the picture is linear, such as its gain, take their best values.
     """
-    observation, points = problem.binned(binning), problem.points(*problem.places(binning), binning)
-    target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
     costs, films = [], np.array(values, np.float64)
     for chunk in np.array_split(np.arange(len(values)), -(-len(values) // AT_ONCE)):
-        # As many each time: another number of them is another program.
-        scenes = problem.scenes_with(np.resize(films[chunk], (AT_ONCE, films.shape[1])))
-        kept = map_scenes(lambda x, chunk=chunk: np.asarray(x)[: len(chunk)], scenes)
-        images = problem.model.points(kept, points, problem.base).reshape(-1, *target.shape)
-        if problem.camera.is_needed:
-            films[chunk], images = best_films(problem, films[chunk], images, binning)
-        each = np.sqrt(np.mean(blurred((images - target) * root, SCAN_BLUR) ** 2, axis=(1, 2, 3)))
-        costs += [finite_or_last(float(cost)) for cost in each]
-        tell(len(chunk))
+        squares = []
+        for view in problem.views:
+            films[chunk], images, observation = view_pictures(view, films[chunk], view.zoomed_binning(binning))
+            target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
+            squares.append(np.mean(blurred((images - target) * root, SCAN_BLUR) ** 2, axis=(1, 2, 3)))
+            tell(len(chunk))
+        costs += [finite_or_last(float(cost)) for cost in np.sqrt(np.mean(squares, axis=0))]
     return np.array(costs), films
+
+
+def view_pictures(
+    problem: Problem, rows: Float[np.ndarray, "pictures parameters"], binning: int
+) -> tuple[Float[np.ndarray, "pictures parameters"], Float[np.ndarray, "pictures 3 height width"], Observation]:
+    """A view's pictures of rows of values, those rows with the best film of each, and what it is compared with."""
+    observation, points = problem.binned(binning), problem.points(*problem.places(binning), binning)
+    # As many each time: another number of them is another program.
+    scenes = problem.scenes_with(np.resize(rows, (AT_ONCE, rows.shape[1])))
+    kept = map_scenes(lambda x: np.asarray(x)[: len(rows)], scenes)
+    images = problem.model.points(kept, points, problem.base).reshape(-1, *observation.target.shape)
+    if problem.camera.is_needed:
+        rows, images = best_films(problem, rows, images, binning)
+    return rows, images, observation
 
 
 def best_films(
@@ -161,7 +177,7 @@ def best_films(
         problem.camera.of_scene,
         problem.binned(binning),
         problem.array(SCAN_BLUR),
-        problem.unknowns,
+        problem.local,
         problem.frame(binning),
         problem.camera.linear_indices,
     )
@@ -179,7 +195,7 @@ def scan(problem: Problem, tell: Callable[[int], None]) -> list[Values]:
     """
     # 40 x 30, and 80 x 60, in which a ball still has an outline.
     first, binning = (binning_to(problem, pixels) for pixels in (1_200, 5_000))
-    (cost,), (initial,) = evaluate(problem, problem.unknowns.initial(problem.scene)[None], binning, tell)
+    (cost,), (initial,) = evaluate(problem, problem.initial[None], binning, tell)
     seeds = [(float(cost), initial)]
     for grids in groups(problem):
         best = seeds[0][1]
@@ -225,7 +241,7 @@ def find_minima(
         tried.append(start)
         if end is None:
             continue
-        if not end.linearization.is_finite:
+        if not end.joint.is_finite:
             place = ", ".join(f"{name} {value:.6g}" for name, value in zip(problem.unknowns.names, start, strict=True))
             words = f"start {candidate + 1} ({place}) is left out: its picture, or a derivative of it, is not finite."
             warnings.warn(words, RaytraceWarning, stacklevel=2)
@@ -244,9 +260,9 @@ def find_minima(
 def find_starts(problem: Problem, scanned: bool, progress: Progress) -> list[Values]:
     """The places to solve from, most promising first."""
     if not scanned:
-        start = problem.unknowns.initial(problem.scene)[None]
+        start = problem.initial[None]
         # With the best film, as the places of a scan have.
-        if problem.camera.linear_indices:
+        if any(view.camera.linear_indices for view in problem.views):
             _, start = evaluate(problem, start, binning_to(problem, 5_000), lambda pictures: None)
         return [*start]
     pictures = [0]

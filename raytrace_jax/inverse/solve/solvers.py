@@ -15,9 +15,8 @@ from jaxtyping import Float, Int
 from ...errors import RaytraceWarning
 from ...scene.scene import Scene
 from ...util.numerics import TINY, on_device, solve_normal
-from ..judge.uncertainty import RANK_TOLERANCE
 from ..options import Stage
-from ..problem.linearize import Linearization
+from ..problem.linearize import RANK_TOLERANCE, Linearization, gauss_newton_step
 from ..problem.problem import FitState, Problem
 from ..problem.unknowns import Unknowns, Values, Vector
 from ..progress import Record
@@ -32,8 +31,8 @@ def minimise(
     at first, and chooses the next, which `look` sees; `terminate` says whether the solve is at rest, None while it goes
     on. A start that is not finite ends the solve, for no step from there is known.
     """
-    if not start.linearization.is_finite:
-        record(start.linearization.cost, False, start.y)
+    if not start.joint.is_finite:
+        record(start.joint.cost, False, start.y)
         return start
     best, to = start, start.y
     memory: Any = method.init(start)
@@ -42,7 +41,7 @@ def minimise(
         best, to, memory = method.step(best, seen, memory)
         settled = method.terminate(best, memory)
         if number or not start.settled:  # The end of another solve is recorded.
-            record(best.linearization.cost, best.linearization is seen.linearization, best.y)
+            record(best.joint.cost, best.linearization is seen.linearization, best.y)
         if settled is not None:
             return dataclasses.replace(best, settled=settled)
     return best
@@ -85,7 +84,7 @@ class LevenbergMarquardt:
 
     def step(self, best: FitState, seen: FitState, memory: TrustState) -> tuple[FitState, Vector, TrustState]:
         y, state, done = advance(memory.solver, best.y, linear_model(seen), memory.state)
-        accepted = seen.linearization.is_finite and np.array_equal(y, seen.y)
+        accepted = seen.joint.is_finite and np.array_equal(y, seen.y)
         best, rejected = (seen, 0) if accepted else (best, memory.rejected + 1)
         # Have it try a point that is possible.
         to = shorten_step(best.problem, best.y, state.y_eval)
@@ -114,10 +113,13 @@ def levenberg_marquardt(
         if not held:
             return state
         # A solver that sees no derivative along an unknown leaves it.
-        triangle = np.array(state.linearization.jacobian)
-        triangle[:, list(held)] = 0
-        still = dataclasses.replace(state.linearization, jacobian=on_device(triangle))
-        return dataclasses.replace(state, linearization=still)
+        moves = ~np.isin(np.arange(len(problem.unknowns.names)), held)
+        still = [
+            dataclasses.replace(each, jacobian=on_device(np.where(moves, np.asarray(each.jacobian), 0)))
+            for each in (view.linearization for view in state.views)
+        ]
+        views = zip(state.views, still, strict=True)
+        return state.of_views([dataclasses.replace(view, linearization=each) for view, each in views])
 
     return minimise(method, look(problem.array(np.clip(np.asarray(y), *problem.unknowns.reach))), look, record)
 
@@ -191,7 +193,7 @@ class GaussNewton:
 
     def step(self, best: FitState, seen: FitState, memory: StepState) -> tuple[FitState, Vector, StepState]:
         problem = seen.problem
-        if not seen.linearization.is_finite:
+        if not seen.joint.is_finite:
             words = "a picture or a derivative has values that are not finite: the last steps of the fit end before it."
             warnings.warn(words, RaytraceWarning, stacklevel=2)
             return dataclasses.replace(best, settled=False, next_move=0.0), best.y, StepState()
@@ -230,16 +232,6 @@ def predicted_decrease(linearization: Linearization) -> float:
     return float(np.sum(spanned**2))
 
 
-def gauss_newton_step(linearization: Linearization) -> Values:
-    """The step to the minimum of the sum of squares near a point; it is 0 along what the picture does not determine."""
-    triangle, residual = (np.asarray(part, np.float64) for part in (linearization.jacobian, linearization.residual))
-    if not (np.isfinite(triangle).all() and np.isfinite(residual).all()):
-        return np.zeros(triangle.shape[1])  # Squares beyond the dtype: no step is known.
-    pulls, strengths, directions = np.linalg.svd(triangle, full_matrices=False)
-    strong = strengths > RANK_TOLERANCE * max(strengths[0], TINY)
-    return -directions[strong].T @ (pulls[:, strong].T @ residual / strengths[strong])
-
-
 def step_to_minimum(state: FitState, free: Linearization) -> Values:
     """The step to the minimum of the loss near a point, where residuals are linear in the unknowns.
 
@@ -255,16 +247,20 @@ def step_to_minimum(state: FitState, free: Linearization) -> Values:
     if stage.loss == "l2" or not step.any():
         return step
     moves = np.any(np.asarray(free.jacobian) != 0, axis=0)
-    residual, count = np.asarray(state.residual, np.float64), len(moves)
-    columns = np.asarray(state.linearization.pixel_jacobian, np.float64) * moves[:, None, None, None]
+    columns = [
+        (view, np.asarray(view.linearization.pixel_jacobian, np.float64) * moves[:, None, None, None])
+        for view in state.views
+    ]
     mean, precision = (np.asarray(part, np.float64) for part in (problem.prior.mean, problem.prior.precision))
     pull = stage.noise * precision * (problem.values(state.y) - mean)
     slope = stage.noise * precision * problem.slopes(state.y) * moves
     for _ in range(30):
-        left = residual + np.tensordot(step, columns, 1)
-        weighted = (columns * state.under_loss("weight", residual=left)).reshape(count, -1)
-        normal = weighted @ columns.reshape(count, -1).T + np.diag(slope**2)
-        further = -solve_normal(normal, weighted @ left.reshape(-1) + slope * (pull + slope * step))
+        normal, score = np.diag(slope**2), slope * (pull + slope * step)
+        for view, column in columns:
+            left = view.residual + np.tensordot(step, column, 1)
+            weighted = (column * view.under_loss("weight", residual=left)).reshape(len(moves), -1)
+            normal, score = normal + weighted @ column.reshape(len(moves), -1).T, score + weighted @ left.reshape(-1)
+        further = -solve_normal(normal, score)
         step = step + further
         if further @ normal @ further < 1e-6 * (step @ normal @ step):
             break
@@ -306,8 +302,8 @@ def shorten_step(problem: Problem, origin: Vector, tried) -> Vector:
 
 
 def is_possible(problem: Problem, y: Vector) -> bool:
-    """Whether the camera is in no ball in which it was not at the start."""
-    return bool(np.all(gaps(problem.scene_at(y))[gaps(problem.scene) > 0] > 0))
+    """Whether no camera is in a ball in which it was not at the start."""
+    return all(bool(np.all(gaps(view.scene_at(y))[gaps(view.scene) > 0] > 0)) for view in problem.views)
 
 
 def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
@@ -336,7 +332,7 @@ def project_gradient(state: FitState) -> Linearization:
 
     Their columns of the Jacobian are 0, so that no step moves them.
     """
-    side, linearization = at_bounds(state.y, state.problem.unknowns), state.linearization
+    side, linearization = at_bounds(state.y, state.problem.unknowns), state.joint
     if not side.any():
         return linearization
     triangle = np.asarray(linearization.jacobian)
