@@ -81,7 +81,7 @@ def scene_warnings(scene: Scene, model: ModelName) -> list[str]:
         if isinstance(camera, ImagePlaneCamera) and float(np.asarray(camera.viewpoint)[2]) == 0:
             found.append(f"the camera {camera.name} is in its image plane, z = 0: all of its rays lie in that plane.")
     unresolved = [sentence for view in views for sentence in _unresolved_glass(view)] if model == "physical" else []
-    return found + [*dict.fromkeys(unresolved)]
+    return [*found, *dict.fromkeys(unresolved)]
 
 
 def _unlit_shapes(scene: Scene) -> list[str]:

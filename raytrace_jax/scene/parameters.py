@@ -81,7 +81,7 @@ def _groups(scene: Scene, keywords: Container[str]) -> Iterator[tuple[BlockType,
     for rows in (rows for keyword, rows in BLOCK_TYPES.items() if keyword in keywords):
         # Of a view's fields a further view has only the camera and the film.
         for view, row in product(range(1 + len(scene.further_views)), rows):
-            group = getattr(_view_of(scene, view), row.group, None)
+            group: Any = getattr(_view_of(scene, view), row.group, None)
             if isinstance(group, row.struct):
                 yield row, view, group, (group.name,) if row.is_single else group.names
 

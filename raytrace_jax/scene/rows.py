@@ -243,7 +243,11 @@ def assemble(
             fields[row.group] = _struct(row, those, columns, dtype)
         fields.setdefault(row.group, None)
     _check_mappings(named)
-    views = tuple(View(*(block and _struct(block.kinds[0], [block], {}, dtype) for block in view)) for view in further)
+
+    def alone(block: Description | None) -> Any:
+        return block and _struct(block.kinds[0], [block], columns, dtype)
+
+    views = tuple(View(alone(camera), alone(film)) for camera, film in further)
     return Scene(**fields, model=model or "classic", shape_order=tuple(named["shape"]), further_views=views)
 
 
