@@ -17,7 +17,7 @@ from ..scene.setting_words import ModelName
 from ..tracer.settings import ResolvedSettings, resolve_settings
 from ..util.files import write_failure
 from ..util.text import listed
-from .console import UsageError, blamed_on, print_warning
+from .console import UsageError, blamed_on, print_warning, stderr_console
 from .options import PictureCommand
 from .options.scenes import View
 
@@ -40,18 +40,26 @@ def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | 
 
 
 def read_picture_scene(
-    command: PictureCommand | View, path: Path | str = "", **changes: Any
+    command: PictureCommand | View, path: Path | str = "", all_cameras: bool = False, **changes: Any
 ) -> tuple[Scene, ResolvedSettings]:
     """A command's scene, or another one, as `read_scene`; and the settings of its picture, with some `changes`.
 
     What the command leaves open the scene's file says. What is odd about the scene is said on stderr, and a window
-    beside its picture is refused.
+    beside its picture is refused. The scene is that of the command's camera; which one it is without that is said on
+    stderr, unless the command is for `all_cameras`.
     """
     settings = dataclasses.replace(command.render, **changes)
     scene = read_scene(path or command.scene, command.assignments, settings.model)
+    if command.camera is not None:
+        with blamed_on("--camera"):
+            scene = scene.seen_by(command.camera)
+    elif scene.further_views and not all_cameras:
+        told = f"the picture is that of {scene.camera.name}; --camera NAME takes another one"
+        stderr_console(command.quiet).print(f"cameras {listed(scene.cameras)}: {told}")
     with blamed_on():
         resolved = resolve_settings(scene, settings)
-        resolved.window(scene.camera.pixeldim)
+        for name in scene.cameras if all_cameras else scene.cameras[:1]:
+            resolved.window(scene.seen_by(name).camera.pixeldim)
     for sentence in scene_warnings(scene, resolved.model):
         print_warning(sentence)
     return scene, resolved

@@ -201,6 +201,7 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
             f"{scene.film.name}.{effect.name}: the other program's camera does nothing to the light"
             for effect in active_effects(without_idle(scene.film))
         ]
+    lost += [f"camera {name}: the file has one camera, {scene.camera.name}" for name in scene.cameras[1:]]
     background, lights = scene.background, scene.lights
     behind = next(iter(blocks_of(scene, "background")), None)
     sky = behind.refers_to(scene, "texture") if behind else None

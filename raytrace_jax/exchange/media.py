@@ -37,7 +37,7 @@ class SurfaceMedia(NamedTuple):
 
 def surface_media(scene: Scene, settings: ResolvedSettings) -> SurfaceMedia:
     """The media of a physical scene, of which slabs are planes; where a surface is cut, those of most of it."""
-    world, sides, there = jax.device_get(_asked(scene, settings))
+    world, sides, there = jax.device_get(_asked(scene.alone(), settings))
     pairs = [list(zip(*(_places(side[:, k]) for side in sides), strict=True)) for k in range(len(world.shapes.types))]
     most = tuple(Counter(pair).most_common(1)[0][0] for pair in pairs)
     around = tuple(frozenset(itertools.chain.from_iterable(pair)) for pair in pairs)

@@ -31,8 +31,8 @@ def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: Mode
     """The scene of blocks that the constructors of this module describe.
 
     Args:
-        blocks: one camera, at most one background and one block of settings, and any number of lights, textures,
-            materials and shapes, in any order.
+        blocks: one camera or several, each with a film at most, at most one background and one block of settings, and
+            any number of lights, textures, materials and shapes, in any order. The first camera is rendered.
         dtype, model: as for `reader.parse_scene`.
 
     Raises:

@@ -76,10 +76,12 @@ def scene_warnings(scene: Scene, model: ModelName) -> list[str]:
             f"{listed(unlit)} {'is' if len(unlit) == 1 else 'are'} matt and black: only light blocks shine on matt "
             "surfaces, and the scene has none."
         )
-    camera = scene.camera
-    if isinstance(camera, ImagePlaneCamera) and float(np.asarray(camera.viewpoint)[2]) == 0:
-        found.append(f"the camera {camera.name} is in its image plane, z = 0: all of its rays lie in that plane.")
-    return found + _unresolved_glass(scene) if model == "physical" else found
+    views = [scene.seen_by(name) for name in scene.cameras]
+    for camera in (view.camera for view in views):
+        if isinstance(camera, ImagePlaneCamera) and float(np.asarray(camera.viewpoint)[2]) == 0:
+            found.append(f"the camera {camera.name} is in its image plane, z = 0: all of its rays lie in that plane.")
+    unresolved = [sentence for view in views for sentence in _unresolved_glass(view)] if model == "physical" else []
+    return [*found, *dict.fromkeys(unresolved)]
 
 
 def _unlit_shapes(scene: Scene) -> list[str]:
@@ -138,5 +140,5 @@ def _is_set(value: object) -> bool:
 
 def is_gray(scene: Scene) -> bool:
     """Whether nothing in a scene has a colour: its picture has three equal channels."""
-    colours = [values for _, attribute, _, values in attribute_values(scene) if attribute.components == RGB]
+    colours = [values for _, attribute, _, values in attribute_values(scene.alone()) if attribute.components == RGB]
     return all(bool(np.all(colour == colour[:1])) for colour in [*colours, *map(np.asarray, scene.images.texels)])

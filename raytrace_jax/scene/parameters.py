@@ -6,7 +6,7 @@ material too (`vitreous.ior`), unless the shape has such an attribute itself.
 
 import dataclasses
 from collections.abc import Container, Iterable, Iterator, Mapping
-from itertools import chain
+from itertools import chain, product
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,7 +18,7 @@ from jaxtyping import Array
 from ..errors import ParameterError
 from ..util.numerics import is_traced, on_device
 from ..util.text import did_you_mean, listed, parse_number, quoted
-from .response import FILM, neutral_response
+from .response import FILM, RESPONSE_EFFECTS, neutral_response
 from .rows import Value, as_array
 from .scene import Scene, check_scene
 from .schema import NO_BLOCK, RGB, Attribute, BlockType
@@ -27,11 +27,17 @@ from .table import BLOCK_TYPES, COMPONENT_NAMES, SHAPE_KEYWORDS
 
 
 class Block(NamedTuple):
-    """A block of the scene; `column` is its index in the group's arrays, None where the scene has one such block."""
+    """A block of the scene.
+
+    Args:
+        column: its index in the group's arrays, None where a scene, or a view of it, has one such block.
+        view: 0 of all that is rendered, k of the camera and the film of the k-th further view.
+    """
 
     type: BlockType
     name: str
     column: int | None
+    view: int = 0
 
     @property
     def keyword(self) -> str:
@@ -39,7 +45,11 @@ class Block(NamedTuple):
 
     def read(self, scene: Scene, attribute_name: str) -> Any:
         """The value of an attribute: an array of a continuous one, of others whatever they are."""
-        return Address(self.type.group, attribute_name, self.column).read(scene)
+        return self.address(attribute_name).read(scene)
+
+    def address(self, attribute_name: str, component: int | None = None) -> "Address":
+        """The place of an attribute's values, or of one of its components."""
+        return Address(self.type.group, attribute_name, self.column, component, self.view)
 
     def read_all(self, scene: Scene) -> dict[str, Any]:
         return {one.name: self.read(scene, one.name) for one in self.type.attributes if not one.is_text}
@@ -59,19 +69,26 @@ def blocks(scene: Scene) -> list[Block]:
 def blocks_of(scene: Scene, *keywords: str) -> list[Block]:
     """The blocks of keywords, type by type: a block is named by its index among those of its keyword."""
     return [
-        Block(row, name, None if row.is_single else column)
-        for row, _, names in _groups(scene, keywords)
+        Block(row, name, None if row.is_single else column, view)
+        for row, view, _, names in _groups(scene, keywords)
         for column, name in enumerate(names)
     ]
 
 
-def _groups(scene: Scene, keywords: Container[str]) -> Iterator[tuple[BlockType, Any, tuple[str, ...]]]:
-    """The types of blocks of keywords that the scene has: each with its struct and the names of its blocks."""
+def _groups(scene: Scene, keywords: Container[str]) -> Iterator[tuple[BlockType, int, Any, tuple[str, ...]]]:
+    """The types of blocks of keywords that the scene has: each with its view, its struct, the names of its blocks."""
     check_scene(scene)
-    for row in chain.from_iterable(rows for keyword, rows in BLOCK_TYPES.items() if keyword in keywords):
-        group = getattr(scene, row.group)
-        if isinstance(group, row.struct):
-            yield row, group, (group.name,) if row.is_single else group.names
+    for rows in (rows for keyword, rows in BLOCK_TYPES.items() if keyword in keywords):
+        # Of a view's fields a further view has only the camera and the film.
+        for view, row in product(range(1 + len(scene.further_views)), rows):
+            group: Any = getattr(_view_of(scene, view), row.group, None)
+            if isinstance(group, row.struct):
+                yield row, view, group, (group.name,) if row.is_single else group.names
+
+
+def _view_of(scene: Scene, view: int) -> Any:
+    """What has the fields of a block's groups: the scene, or from 1 on one of its further views."""
+    return scene.further_views[view - 1] if view else scene
 
 
 def shape_blocks(scene: Scene) -> list[Block]:
@@ -82,7 +99,7 @@ def shape_blocks(scene: Scene) -> list[Block]:
 
 def attribute_values(scene: Scene) -> Iterator[tuple[BlockType, Attribute, tuple[str, ...], np.ndarray]]:
     """Each attribute of numbers: its type of block, the names of its blocks, its values as (components, blocks)."""
-    for row, group, names in _groups(scene, BLOCK_TYPES):
+    for row, _, group, names in _groups(scene, BLOCK_TYPES):
         for attribute in row.continuous:
             values = np.reshape(np.asarray(getattr(group, attribute.name)), (attribute.value_count, len(names)))
             yield row, attribute, names, values
@@ -104,13 +121,19 @@ def scene_model(scene: Scene) -> ModelName:
 class Address(NamedTuple):
     """The place of a parameter in a scene's arrays: two names of the same parameter have equal addresses.
 
-    `component` counts along the leading axis; None is the whole attribute.
+    `component` counts along the leading axis; None is the whole attribute. `view` is that of the block.
     """
 
     group: str
     field: str
     column: int | None
     component: int | None = None
+    view: int = 0
+
+    @property
+    def is_elsewhere(self) -> bool:
+        """Whether it belongs to a further view: it changes nothing that the rendered camera shows."""
+        return self.view > 0
 
     @property
     def entry(self) -> "Address":
@@ -121,7 +144,7 @@ class Address(NamedTuple):
 
         A part of an array is one of NumPy's unless it is traced: each kind of slice is a program to JAX.
         """
-        values = getattr(getattr(scene, self.group), self.field)
+        values = self._whole(scene)
         if isinstance(values, jax.Array) and not is_traced(values):
             values = np.asarray(values)
         if self.column is not None:
@@ -129,9 +152,11 @@ class Address(NamedTuple):
         return values if self.component is None else values[self.component, ...]
 
     def write_entry(self, scene: Scene, value: Array | np.ndarray) -> Scene:
-        old = getattr(getattr(scene, self.group), self.field)
-        array = on_device(value if self.column is None else with_part(old, self.column, value))
-        return eqx.tree_at(lambda tree: getattr(getattr(tree, self.group), self.field), scene, array)
+        array = on_device(value if self.column is None else with_part(self._whole(scene), self.column, value))
+        return eqx.tree_at(self._whole, scene, array)
+
+    def _whole(self, scene: Scene) -> Any:
+        return getattr(getattr(_view_of(scene, self.view), self.group), self.field)
 
 
 def with_part(array: Array | np.ndarray, index: int, value: Array | np.ndarray) -> Array | np.ndarray:
@@ -192,7 +217,7 @@ def resolve(scene: Scene, name: str) -> Parameter:
         elif component:
             having = f"its components are {listed(components)}" if components else "it is a single number"
             raise ParameterError(f"{quoted(name)}: {attribute_name} has no component {component!r}, {having}.")
-        return Parameter(Address(block.type.group, attribute_name, block.column, index), block, attribute, shape)
+        return Parameter(block.address(attribute_name, index), block, attribute, shape)
     if owners[0].type.find(attribute_name):
         how = "change it in the scene's file, or the picture's size by the size option"
         if attribute_name == "file":
@@ -273,16 +298,41 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
 
 
 def with_response(scene: Scene, names: Iterable[str]) -> Scene:
-    """The scene with a film that does nothing, if it has none and one of the names is a film's: `film.gain.r`."""
+    """The scene with a film that does nothing, if it has none and one of the names is a film's: `film.gain.r`.
+
+    With several cameras each gets one whose own is asked for: `left.gain.r` is that of the camera `left`.
+    """
     check_scene(scene)
-    if scene.film is not None or not any(str(name).partition(".")[0] == FILM for name in names):
-        return scene
-    return dataclasses.replace(scene, film=neutral_response(scene.camera.viewpoint.dtype))
+    texts = [str(name) for name in names]
+    if not scene.further_views:
+        if scene.film is not None or not any(name.partition(".")[0] == FILM for name in texts):
+            return scene
+        return dataclasses.replace(scene, film=neutral_response(scene.camera.viewpoint.dtype))
+    for camera in scene.cameras:
+        view = scene.seen_by(camera)
+        effects = tuple(f"{camera}.{effect.name}" for effect in RESPONSE_EFFECTS)
+        asked = [name for name in texts if name in effects or name.rpartition(".")[0] in effects]
+        # A texture of a camera's name may have such a number, too.
+        if view.film is None and any(not _is_known(scene, name) for name in asked):
+            film = dataclasses.replace(neutral_response(view.camera.viewpoint.dtype), name=camera)
+            scene = dataclasses.replace(view, film=film).seen_by(scene.camera.name)
+    return scene
+
+
+def _is_known(scene: Scene, name: str) -> bool:
+    try:
+        return bool(resolve(scene, name))
+    except ParameterError:
+        return False
 
 
 def response_effects(scene: Scene, names: Iterable[str]) -> dict[str, str]:
-    """The film's numbers among names of parameters, and the effect of each; all others move what is traced."""
-    return {name: one.field for name in names if (one := resolve(scene, name).address).group == FILM}
+    """The numbers of `scene.film` among names of parameters, and the effect of each; the others move what is traced.
+
+    Those of further views (`Address.is_elsewhere`) change nothing that is shown; their films' are not among them.
+    """
+    addresses = {name: resolve(scene, name).address for name in names}
+    return {name: one.field for name, one in addresses.items() if one.group == FILM and not one.is_elsewhere}
 
 
 def shared_with(scene: Scene, name: str) -> tuple[str, ...]:

@@ -22,12 +22,16 @@ from ..optics.glass import named
 from ..util.compilation import refuse_fork
 from ..util.numerics import cast, is_traced, on_device, real_numbers
 from ..util.text import did_you_mean, listed, quoted, sentence
-from .scene import Scene
+from .response import FILM
+from .scene import Scene, View
 from .schema import NO_BLOCK, Attribute, BlockType, is_name
 from .setting_words import ModelName
 from .table import BLOCK_TYPES, SETTINGS, SHAPE_KEYWORDS
 
 Value = ArrayLike | Iterable[ArrayLike]
+
+OF_VIEWS = ("camera", FILM)
+"""The keywords of blocks of which each view of a scene has one."""
 
 HEAD = "keyword and name of the block"
 """The part of a block that an error may be about, besides its attributes, which go by their names."""
@@ -195,7 +199,9 @@ def assemble(
 ) -> Scene:
     """The scene of described blocks; lights, materials and shapes keep their order.
 
-    Raises the blocks' errors: a wrong value, a second camera, a name that is taken, or one that no block has.
+    The first camera is the one that is rendered. With several of them a film is that of the camera of its name.
+
+    Raises the blocks' errors: a wrong value, a name that is taken, a film of no camera, or a name that no block has.
 
     Args:
         described: the rows; settings come first.
@@ -208,8 +214,8 @@ def assemble(
     for row in described:
         block, keyword = row.checked(dtype, model or "classic"), row.keyword
         others = named[_namespace(keyword)]
-        if others and BLOCK_TYPES[keyword][0].is_single:
-            raise block.error(HEAD, f"{block} is a second {keyword}; {next(iter(others.values()))} comes before it.")
+        if others and BLOCK_TYPES[keyword][0].is_single and (keyword not in OF_VIEWS or block.name in others):
+            raise block.error(HEAD, _second(block, others))
         if block.name in others:
             message = f"the {_namespace(keyword)} name {quoted(block.name)} is taken: {others[block.name]} has it."
             raise block.error(HEAD, message)
@@ -219,7 +225,8 @@ def assemble(
             model = model or block.values["model"]
         others[block.name] = block
     if not named["camera"]:
-        raise error("the scene has no camera: it must have one camera block.")
+        raise error("the scene has no camera: it must have a camera block.")
+    further = _taken_views(named)
 
     # Each type becomes one struct. Names become columns before any is made, as blocks may name those that come later. A
     # column counts all blocks of a keyword, type by type.
@@ -236,7 +243,37 @@ def assemble(
             fields[row.group] = _struct(row, those, columns, dtype)
         fields.setdefault(row.group, None)
     _check_mappings(named)
-    return Scene(**fields, model=model or "classic", shape_order=tuple(named["shape"]))
+
+    def alone(block: Description | None) -> Any:
+        return block and _struct(block.kinds[0], [block], columns, dtype)
+
+    views = tuple(View(alone(camera), alone(film)) for camera, film in further)
+    return Scene(**fields, model=model or "classic", shape_order=tuple(named["shape"]), further_views=views)
+
+
+def _second(block: Description, others: Mapping[str, Description]) -> str:
+    named = " of that name" if block.name in others and block.keyword in OF_VIEWS else ""
+    before = others.get(block.name) or next(iter(others.values()))
+    return f"{block} is a second {block.keyword}{named}; {before} comes before it."
+
+
+def _taken_views(named: dict[str, dict[str, Description]]) -> list[tuple[Description, Description | None]]:
+    """Take all cameras but the first out of a scene's blocks, each with its film.
+
+    Raises a film's error: no camera has its name where there are several, or it is a second one where there is one.
+    """
+    cameras, films = named["camera"], named[FILM]
+    if len(cameras) == 1 and len(films) > 1:
+        first, second, *_ = films.values()
+        raise second.error(HEAD, _second(second, {first.name: first}))
+    for film in films.values() if len(cameras) > 1 else ():
+        if film.name not in cameras:
+            raise film.error(
+                HEAD,
+                f"{film} belongs to no camera: with several cameras a film has the name of its own, as film "
+                f"{next(iter(cameras))}.{did_you_mean(film.name, cameras)} Cameras of this scene: {listed(cameras)}.",
+            )
+    return [(cameras.pop(name), films.pop(name, None)) for name in list(cameras)[1:]]
 
 
 def _namespace(keyword: str) -> str:

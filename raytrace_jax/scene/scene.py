@@ -1,5 +1,6 @@
 """The scene of a `model.txt` file as a pytree, and functions of whole scenes; its parts are the structs of blocks."""
 
+import dataclasses
 import functools
 import hashlib
 import os
@@ -16,7 +17,7 @@ from jaxtyping import Array, Float
 from ..errors import SceneError
 from ..util.compilation import refuse_fork
 from ..util.files import StrPath
-from ..util.text import quoted
+from ..util.text import did_you_mean, listed, quoted
 from .setting_words import ModelName
 from .structs import (
     AbbeMaterials,
@@ -39,6 +40,13 @@ from .structs import (
 Camera = ImagePlaneCamera | PerspectiveCamera
 
 
+class View(eqx.Module):
+    """A camera that looks at a scene, and its response to the light; None responds with the light itself."""
+
+    camera: Camera
+    film: CameraResponse | None
+
+
 class Scene(eqx.Module):
     """All blocks of a `model.txt` file.
 
@@ -47,6 +55,9 @@ class Scene(eqx.Module):
     its place in this list.
 
     `model` is the model with which the scene was loaded; its defaults fill in what the blocks leave out.
+
+    `camera` and `film` are what is rendered; `further_views` are the other cameras, each with its film, in the order of
+    the file. `seen_by` makes another camera the one that is rendered.
     """
 
     model: ModelName = eqx.field(static=True)
@@ -65,12 +76,15 @@ class Scene(eqx.Module):
     rectangles: Rectangles
     slabs: Slabs
     shape_order: tuple[str, ...] = eqx.field(static=True)
+    further_views: tuple[View, ...] = ()
 
     def __repr__(self) -> str:
         """The scene in a line: its model, its camera's pixels, how many blocks of each type it has."""
         # JAX builds scenes that hold anything, without blocks: to compare, and to tell where trees differ.
         width, height = getattr(self.camera, "pixeldim", ("?", "?"))
         counts = {name: len(getattr(group, "names", ())) for name, group in vars(self).items()}
+        if isinstance(self.further_views, tuple):
+            counts["further_views"] = len(self.further_views)
         blocks = [f"{name}={count}" for name, count in counts.items() if count]
         return f"Scene({', '.join([self.model, f'camera={width}x{height}', *blocks])})"
 
@@ -83,6 +97,34 @@ class Scene(eqx.Module):
         from .parameters import get_parameter
 
         return get_parameter(self, name)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The names of all cameras: first the one that is rendered, then the others in their order."""
+        return (self.camera.name, *(view.camera.name for view in self.further_views))
+
+    def seen_by(self, name: str) -> "Scene":
+        """The scene as the camera of this name shows it: its `camera` and `film` are that camera's.
+
+        The other cameras are the further views, in their order. The camera that is rendered anyway gives the scene
+        itself.
+
+        Raises:
+            SceneError: no camera has this name; the message lists those there are.
+        """
+        if name not in self.cameras:
+            names = listed(self.cameras)
+            guess = did_you_mean(str(name), self.cameras)
+            raise SceneError(f"there is no camera {quoted(str(name))}.{guess} Cameras of this scene: {names}.")
+        views = [View(self.camera, self.film), *self.further_views]
+        if name == self.camera.name:
+            return self
+        view = views.pop(self.cameras.index(name))
+        return dataclasses.replace(self, camera=view.camera, film=view.film, further_views=tuple(views))
+
+    def alone(self) -> "Scene":
+        """The scene without its further views: all that a picture is made of. It is the scene itself if it has none."""
+        return dataclasses.replace(self, further_views=()) if self.further_views else self
 
     def save(self, path: StrPath) -> None:
         """Write the scene as a `model.txt` file, and beside it the pictures of its textures; see `save_scene`.

@@ -189,7 +189,7 @@ def declared_attributes(struct: type) -> tuple[Attribute, ...]:
 
 
 class SingleBlock(eqx.Module):
-    """A block of which a scene has one at most, with its name."""
+    """A block of which a scene, or each view of it, has one at most, with its name."""
 
     name: str = eqx.field(static=True)
 
@@ -223,7 +223,7 @@ class BlockType(NamedTuple):
 
     @property
     def is_single(self) -> bool:
-        """Whether a scene has one block of this keyword."""
+        """Whether a scene, or a view of it, has one block of this keyword."""
         return issubclass(self.struct, SingleBlock)
 
     @property

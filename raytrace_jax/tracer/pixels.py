@@ -154,7 +154,7 @@ def pixel_outputs(
         scenes: stacked, as by `map_scenes`.
         reversible: whether reverse mode can go through it.
     """
-    scenes, names = dataclasses.replace(scenes, film=None), ("color", *settings.aov)
+    scenes, names = dataclasses.replace(scenes.alone(), film=None), ("color", *settings.aov)
     rays = rays_of(settings, pixels)
 
     def program(batches: Batches):
@@ -213,7 +213,7 @@ def pixel_derivatives(
     reversible: bool = False,
 ) -> PixelDerivatives:
     """Radiance of pixels and its derivatives by `y` in forward mode; the settings say `edges`."""
-    y, rays = jnp.asarray(y), rays_of(settings, pixels)
+    y, scene, rays = jnp.asarray(y), scene.alone(), rays_of(settings, pixels)
 
     def program(batches: Batches):
         return differentiate_batches(y, scene, batches, unknowns, rays, reversible)
@@ -272,7 +272,7 @@ def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int 
 def render_radiance(scene: Scene, settings: ResolvedSettings, reversible: bool = False) -> Film:
     """The picture of a scene before the camera's response, by settings that say `edges`; the scene was checked."""
     _, _, width, height = settings.window(scene.camera.pixeldim)
-    scenes = map_scenes(lambda x: numpy_of(scene).asarray(x)[None], dataclasses.replace(scene, film=None))
+    scenes = map_scenes(lambda x: numpy_of(scene).asarray(x)[None], dataclasses.replace(scene.alone(), film=None))
     pixels = picture_pixels(scene, settings)
     found: dict[str, Any] = {}
     overflow: Any = 0
@@ -306,6 +306,7 @@ def radiance_derivatives(
 
     Without `edges` the picture is that of points, and only the derivative that of areas.
     """
+    scene = scene.alone()
     _, _, width, height = settings.window(scene.camera.pixeldim)
     pixels = picture_pixels(scene, settings)
     found = pixel_derivatives(y, scene, pixels, unknowns, settings.with_edges("aware"), reversible)

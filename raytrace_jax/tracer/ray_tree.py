@@ -84,7 +84,7 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
 
     # More rays could not be read, and double with each further bounce.
     most = 8192
-    tail, arrays = jax.tree.map(np.asarray, _queue_of(scene, float(column), float(row), settings, most))
+    tail, arrays = jax.tree.map(np.asarray, _queue_of(scene.alone(), float(column), float(row), settings, most))
     if tail > most:
         raise RaytraceError(f"the tree has more than {most} rays; allow fewer bounces.")
     arrays = {name: values[..., :tail] for name, values in arrays.items()}

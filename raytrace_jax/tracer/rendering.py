@@ -64,8 +64,9 @@ def render(scene: Scene, settings: RenderSettings | None = None) -> Film:
     settings = resolve_settings(scene, settings)
     refuse_too_large(scene, settings)
     if is_traced(scene):
-        return pure_picture(scene, settings)
+        return pure_picture(scene.alone(), settings)
     check_values(scene)
+    scene = scene.alone()  # What no picture shows is no argument of its programs.
     radiance = render_radiance(scene, settings.with_edges("point"))
     if scene.film is None:
         return radiance
@@ -101,7 +102,7 @@ def picture_derivatives(
             pixels' points: what edges that move gain or lose is not in it.
 
     Returns:
-        The picture, and for each number the change of the picture per unit of it.
+        The picture, and for each number the change of the picture per unit of it: 0 for those of further views.
 
     Raises:
         ParameterError: no names, an unknown one, or two for one number.
@@ -115,8 +116,19 @@ def picture_derivatives(
     check_values(scene)
     settings = dataclasses.replace(settings, aov=())
     refuse_too_large(scene, settings, len(scalars))
+    units = tuple(resolve(scene, name).attribute.unit for name in scalars)
+    here = [place for place, name in enumerate(scalars) if not resolve(scene, name).address.is_elsewhere]
+    image, seen = _derivatives_here(scene.alone(), tuple(scalars[place] for place in here), settings)
+    jacobian = np.zeros((len(scalars), *image.shape), image.dtype)
+    jacobian[here] = seen
+    image, jacobian = jax.device_put((image, jacobian))
+    return PictureDerivatives(image, scalars, jacobian, units)
+
+
+def _derivatives_here(scene: Scene, scalars: tuple[str, ...], settings: ResolvedSettings) -> tuple[Any, Any]:
+    """The picture of a scene without further views, and its derivatives by single numbers."""
     of_film = response_effects(scene, scalars)
-    values = np.stack([resolve(scene, name).address.read(scene) for name in scalars])
+    values = np.array([resolve(scene, name).address.read(scene) for name in scalars], scene.camera.viewpoint.dtype)
 
     # Radiance, by the numbers that move what is traced; then what the camera's response makes of it, by all.
     traced = tuple(place for place, name in enumerate(scalars) if name not in of_film)
@@ -130,9 +142,7 @@ def picture_derivatives(
         by_all[list(traced)] = jacobian
         frame = settings.frame(scene.camera.pixeldim)
         image, jacobian = response_derivatives(image, by_all, on_device(values), filmed, Named(scalars), frame)
-    units = tuple(resolve(scene, name).attribute.unit for name in scalars)
-    image, jacobian = jax.device_put((image, jacobian))
-    return PictureDerivatives(image, scalars, jacobian, units)
+    return image, jacobian
 
 
 @dataclasses.dataclass(frozen=True)
@@ -200,7 +210,7 @@ def picture_at(y: Parameters, scene: Scene, unknowns: SceneFunction, settings: R
     Each derivative that a transformation takes by itself would be another copy of the tracer in its program. All
     derivatives by `y` are products with one Jacobian, which rides along with the picture in forward mode.
     """
-    return pure_picture(unknowns.moved(scene, y), settings).image
+    return pure_picture(unknowns.moved(scene.alone(), y), settings).image
 
 
 def _picture_at_jvp(unknowns: SceneFunction, settings: ResolvedSettings, primals, tangents):
@@ -208,7 +218,8 @@ def _picture_at_jvp(unknowns: SceneFunction, settings: ResolvedSettings, primals
         # The scene's own numbers change too.
         plain = functools.partial(picture_at.fun, unknowns=unknowns, settings=settings)
         return jax.jvp(plain, primals, instantiated(tangents))
-    image, jacobian = picture_jacobian(*primals, unknowns, settings)
+    y, scene = primals
+    image, jacobian = picture_jacobian(y, scene.alone(), unknowns, settings)
     return image, jnp.tensordot(tangents[0], jacobian, 1)
 
 

@@ -17,7 +17,7 @@ import raytrace_jax as rj
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 
 SMALL = rj.RenderSettings(size=(24, 18), max_bounces=2)
-NAMES = ["ball", "bubble", "checkpoints", "glass_on_board", "pov_ball", "tank", "two_balls", "vitreous"]
+NAMES = ["ball", "bubble", "checkpoints", "glass_on_board", "pov_ball", "tank", "two_balls", "two_views", "vitreous"]
 
 
 @pytest.mark.parametrize("name", ["ball", "tank"])

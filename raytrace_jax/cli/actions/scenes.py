@@ -3,6 +3,7 @@
 import dataclasses
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -19,7 +20,9 @@ from ...scene.parameters import Block, material_of
 from ...scene.scene import Scene
 from ...scene.writer import format_scene, plain_value, save_scene, value_text
 from ...tracer.rendering import render
+from ...tracer.settings import ResolvedSettings
 from ...util.files import json_text, write_text
+from ...util.text import listed
 from ..console import UsageError, print_table, print_warning, stderr_console
 from ..options.scenes import Export, Format, Import, Info, New, Render, Scenes
 from ..preparation import check_file, check_picture_path, read_picture_scene, read_scene
@@ -42,18 +45,41 @@ plane surface {{
 
 
 def run_render(command: Render) -> int:
-    """Render the scene, write the picture, print the paths of the files written; 1 if a pixel is not finite."""
-    check_picture_path(command.output)
-    png_only = command.output.suffix.lower() == ".png"
-    png_path = command.output if png_only else command.output.with_suffix(".png")
+    """Render the scene by its cameras, print the paths of the files written; 1 if a pixel is not finite."""
+    _check_paths(command, command.output)
+    png_only = _is_png(command.output)
     if png_only and not command.png:
         raise UsageError(f"{command.output}: --no-png leaves nothing to write; name an .exr file.")
     if png_only and (command.render.aov or command.half):
         raise UsageError(f"{command.output}: a PNG file has no room for --aov or --half; name an .exr file.")
-    if command.png:
-        check_picture_path(png_path)
+    aov = tuple(dict.fromkeys(command.render.aov))
+    scene, settings = read_picture_scene(command, all_cameras=command.camera is None, aov=aov)
+    if command.camera is not None or not scene.further_views:
+        outputs = {scene.camera.name: command.output}
+    else:
+        # A file's name has no slash.
+        stems = {name: f"{command.output.stem}_{name.replace('/', '%2F')}" for name in scene.cameras}
+        outputs = {name: command.output.with_stem(stem) for name, stem in stems.items()}
+        told = f"a picture of each, {listed(path.name for path in outputs.values())}; --camera NAME renders one"
+        stderr_console(command.quiet).print(f"cameras {listed(outputs)}: {told}")
+        for path in outputs.values():
+            _check_paths(command, path)
+    return max([_render_view(command, scene.seen_by(name), settings, path) for name, path in outputs.items()])
 
-    scene, settings = read_picture_scene(command, aov=tuple(dict.fromkeys(command.render.aov)))
+
+def _is_png(path: Path) -> bool:
+    return path.suffix.lower() == ".png"
+
+
+def _check_paths(command: Render, path: Path) -> None:
+    check_picture_path(path)
+    if command.png and not _is_png(path):
+        check_picture_path(path.with_suffix(".png"))
+
+
+def _render_view(command: Render, scene: Scene, settings: ResolvedSettings, output: Path) -> int:
+    """Render what one camera of a scene shows into a file, as `run_render`."""
+    png_path = output if _is_png(output) else output.with_suffix(".png")
     *origin, width, height = settings.window(scene.camera.pixeldim)
     work = f"rendering {width} x {height} pixels"
     with Timer(work, stderr_console(command.quiet)) as timer:
@@ -66,9 +92,9 @@ def run_render(command: Render) -> int:
         image = blackened(image)
         aov = {name: jnp.asarray(blackened(np.asarray(values))) for name, values in film.aov.items()}
         film = dataclasses.replace(film, image=jnp.asarray(image), aov=aov)
-    if not png_only:
-        write_film(command.output, film, scene, settings, half=command.half)
-        print(command.output)
+    if not _is_png(output):
+        write_film(output, film, scene, settings, half=command.half)
+        print(output)
     if command.png:
         transfer = command.png_transfer or screen_transfer(settings)
         write_png(png_path, image, transfer=transfer, metadata=how_made(scene, settings))

@@ -118,5 +118,7 @@ class SceneOptions(CommandOptions):
 class PictureCommand(SceneOptions):
     """A scene whose pictures have these settings."""
 
+    camera: Annotated[str | None, arg(metavar="NAME")] = None
+    """The camera whose picture it is, where the scene has several. Without it the file's first one."""
     quiet: Quiet = False
     render: RenderOptions = RenderOptions()
