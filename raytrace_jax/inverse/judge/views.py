@@ -66,8 +66,11 @@ def contradicting_view(
             deviations = abs(float(view.value[k] - value[k])) / max(math.sqrt(variance), TINY)
             if deviations > worst:
                 by_it, by_all = with_error(float(view.value[k]), own), with_error(float(value[k]), math.sqrt(of_all))
-                worst, words = deviations, (
-                    f"the view {view.camera} contradicts the others: {name} is {by_it} by it alone, and {by_all} by "
-                    f"all ({short_count(deviations)} times as far as by chance)"
+                worst, words = (
+                    deviations,
+                    (
+                        f"the view {view.camera} contradicts the others: {name} is {by_it} by it alone, and {by_all} by "
+                        f"all ({short_count(deviations)} times as far as by chance)"
+                    ),
                 )
     return words
