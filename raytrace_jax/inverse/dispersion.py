@@ -27,16 +27,15 @@ def fitted_dispersions(
         scene: the fitted one.
         covariance: that of the free numbers, in the order of their names.
     """
-    free = {resolve(scene, name).address: k for k, name in enumerate(names)}
+    dispersive = [b for b in blocks_of(scene, "material") if b.type.struct in (AbbeMaterials, ChannelMaterials)]
+    free = {resolve(scene, name).address: k for k, name in enumerate(names)} if dispersive else {}
     found = {}
-    for block in blocks_of(scene, "material"):
+    for block in dispersive:
         group, by_abbe = block.type.group, block.type.struct is AbbeMaterials
         if by_abbe:
             numbers = [Address(group, name, block.column) for name in ("ior", "abbe")]
-        elif block.type.struct is ChannelMaterials:
-            numbers = [Address(group, "ior", block.column, channel) for channel in range(3)]
         else:
-            continue
+            numbers = [Address(group, "ior", block.column, channel) for channel in range(3)]
         if not all(number in free for number in (numbers[1:] if by_abbe else numbers)):
             continue
         values = np.array([float(number.read(scene)) for number in numbers])

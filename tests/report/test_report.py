@@ -103,6 +103,7 @@ def test_json_holds_all_but_the_pictures(tmp_path):
     regrouped |= {"covariance", "undetermined", "stated", "structure", "uncertainty", "check", "steps"}
     regrouped |= {"distant_correlation", "is_structured"}
     added = {"history", "parameters", "versions", "sensitivity", "uncertain", "rests_on", "depends_on", "correlation"}
+    added |= {"dispersions"}
     assert set(summary) == fields - pictures - regrouped | added
     assert summary["sensitivity"]["cyan.alpha"]["vitreous.ior"] == 0.001
     assert summary["uncertain"] == {"topright.location.x": 0.01}
