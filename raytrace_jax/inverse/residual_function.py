@@ -73,10 +73,14 @@ class PictureResidual(eqx.Module):
             args: standard deviation in pixels of a Gaussian blur, so that a loop can go from coarse to fine; None is 0.
         """
         y = self._checked(y)
-        image = picture_at(y, self.scene.alone(), self.unknowns.seen_in(self.scene), self.settings)
         blur = jnp.asarray(0.0 if args is None else args, y.dtype)
-        own = gaussian_blur(self.observation.residual(image), blur)
-        return (own, *(each.residual(y, args) for each in self.others)) if self.others else own
+        each = tuple(view._blurred(y, blur) for view in (self, *self.others))
+        return each if self.others else each[0]
+
+    def _blurred(self, y: Float[Array, " parameters"], blur: Float[Array, ""]) -> Float[Array, "3 height width"]:
+        """The blurred residual of the first camera alone."""
+        image = picture_at(y, self.scene.alone(), self.unknowns.seen_in(self.scene), self.settings)
+        return gaussian_blur(self.observation.residual(image), blur)
 
     def _checked(self, y: ArrayLike) -> Float[Array, " parameters"]:
         """The unknowns as an array. Raises ParameterError: there are not as many, or they are no real numbers."""

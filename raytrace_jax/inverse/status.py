@@ -5,12 +5,12 @@ import datetime
 import hashlib
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
 
 from ..scene.parameters import resolve
+from ..scene.setting_words import EdgeMode
 from ..util.numerics import MAD_TO_SIGMA
 from ..util.text import listed
 from .build_problem import FitSetup
@@ -20,6 +20,7 @@ from .judge.uncertainty import Uncertainty, quantify_uncertainty
 from .judge.views import contradicting_view
 from .options import FitOptions
 from .problem.problem import FitState, Problem
+from .problem.unknowns import Image
 from .progress import Findings
 from .result import PROFILE_95, FitResult, Profile, Status, ViewPictures
 from .solve.solvers import bounds_reached
@@ -49,11 +50,8 @@ def solve_verdicts(
     solution: FitState, sure: Uncertainty, unseen: Sequence[str], explained: bool, looks: str, max_steps: int
 ) -> list[tuple[bool, Status, str, str]]:
     """What may be wrong with a solve: whether it is, and the verdict if so."""
-    known = (
-        ""
-        if all(view.problem.samples for view in solution.views)
-        else "say how the target was sampled with --target-samples, "
-    )
+    is_known = all(view.problem.samples for view in solution.views)
+    known = "" if is_known else "say how the target was sampled with --target-samples, "
     return [
         # No answer: the picture is broken, or far from the target.
         (
@@ -239,16 +237,12 @@ def make_result(setup: FitSetup, options: FitOptions, findings: Findings, stoppe
     if solution is None:
         y, loss = problem.start() if findings.answer is None else problem.array(findings.answer), options.loss
         uncertainty = Uncertainty.unknown(len(names), options.sigma)
-        pictures = [
-            seen_of(view) | {"settings": dataclasses.replace(view.base, edges=options.edges)} for view in problem.views
-        ]
+        pictures = [pictures_of(view, options.edges) for view in problem.views]
     else:
         y, loss = solution.y, solution.stage.loss
         uncertainty = findings.uncertainty or quantify_uncertainty(solution, options.sigma)
         starts = findings.start_images or [None] * len(solution.views)
-        pictures = [
-            pictures_of(view) | {"start_image": start} for view, start in zip(solution.views, starts, strict=True)
-        ]
+        pictures = [solved_pictures(view, start) for view, start in zip(solution.views, starts, strict=True)]
 
     # The word for it.
     if stopped is not None or solution is None:
@@ -286,16 +280,16 @@ def make_result(setup: FitSetup, options: FitOptions, findings: Findings, stoppe
         profiles=findings.profiles,
         scene=problem.whole_at(y),
         alone=findings.alone,
-        further_views=tuple(ViewPictures(**each) for each in pictures[1:]),
+        further_views=tuple(pictures[1:]),
         steps=findings.steps,
         candidate=findings.minima[0].summary.candidate if findings.minima else 0,
         runner_ups=tuple(minimum.summary for minimum in findings.minima[1:]),
         provenance={
             "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            "target_sha256": hashlib.sha256(b"".join(each["target"].tobytes() for each in pictures)).hexdigest(),
+            "target_sha256": hashlib.sha256(b"".join(each.target.tobytes() for each in pictures)).hexdigest(),
             "seconds": f"{findings.steps[-1].seconds:.3g}" if findings.steps else "0",
         },
-        **pictures[0],
+        **vars(pictures[0]),
     )
 
 
@@ -310,26 +304,28 @@ def opposed_status(opposed: str, verdict: Verdict) -> Verdict:
     return "model_incomplete" if status == "ambiguous" else status, f"{message}; {opposed}", f"{advice}; {again}"
 
 
-def seen_of(view: Problem) -> dict[str, Any]:
-    """The fields of a result that a view begins with."""
+def pictures_of(view: Problem, edges: EdgeMode) -> ViewPictures:
+    """What there is of a view before it is solved."""
     weights = (np.asarray(view.observation.root_weight, np.float64) * view.unit) ** 2
     target = np.ascontiguousarray(view.observation.target)
-    return {"settings": view.base, "target": target, "weights": weights, "target_samples": view.samples}
+    return ViewPictures(dataclasses.replace(view.base, edges=edges), target, weights, view.samples)
 
 
-def pictures_of(solution: FitState) -> dict[str, Any]:
-    """The fields of a result that say how a view at a solution differs from its target, in the target's unit."""
-    linearization, unit, seen = solution.linearization, solution.problem.unit, seen_of(solution.problem)
+def solved_pictures(solution: FitState, start_image: Image | None) -> ViewPictures:
+    """How a view at a solution differs from its target, in the target's unit."""
+    linearization, problem = solution.linearization, solution.problem
+    before = pictures_of(problem, solution.stage.edges)
     # A robust loss leaves out what it counts for less than a hundredth of the others.
     left_out = solution.observation.counts & (solution.under_loss("weight").min(axis=0) < 0.01)
-    return seen | {
-        "settings": dataclasses.replace(solution.problem.base, edges=solution.stage.edges),
-        "weights": np.where(np.asarray(linearization.bad), 0, seen["weights"]),
-        "image": np.asarray(linearization.image) + np.asarray(solution.problem.observation.bias),
-        "rms_residual": solution.rms_residual * unit,
-        "typical_residual": MAD_TO_SIGMA * float(linearization.typical) * unit,
-        "left_out": int(np.sum(left_out)),
-    }
+    return dataclasses.replace(
+        before,
+        weights=np.where(np.asarray(linearization.bad), 0, before.weights),
+        start_image=start_image,
+        image=np.asarray(linearization.image) + np.asarray(problem.observation.bias),
+        rms_residual=solution.rms_residual * problem.unit,
+        typical_residual=MAD_TO_SIGMA * float(linearization.typical) * problem.unit,
+        left_out=int(np.sum(left_out)),
+    )
 
 
 def prior_contradictions(

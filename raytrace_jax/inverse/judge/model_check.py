@@ -232,7 +232,7 @@ def merged(views: Sequence[Sequence[Hypothesis]], lengths: Sequence[int]) -> lis
     for name in names:
         columns = [view[name].column if name in view else np.zeros(n) for view, n in zip(by_name, lengths, strict=True)]
         one = next(view[name] for view in by_name if name in view)
-        found.append(dataclasses.replace(one, column=np.concatenate(columns)))
+        found.append(one._replace(column=np.concatenate(columns)))
     return found
 
 

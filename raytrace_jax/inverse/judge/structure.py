@@ -133,7 +133,7 @@ def block_scatter(views: Sequence[tuple[PixelJacobian, Image, Image]]) -> Covari
     """
     count = len(views[0][0])
     flats = [(jacobian.reshape(count, -1), weight.reshape(-1)) for jacobian, weight, _ in views]
-    normal = sum((flat * weight) @ flat.T for flat, weight in flats)
+    normal = np.sum([(flat * weight) @ flat.T for flat, weight in flats], axis=0)
     length = np.sqrt(np.maximum(np.diagonal(normal), 0))
     pulls = [np.sum(jacobian * (weight * residual), axis=1) for jacobian, weight, residual in views]
     moved = []

@@ -33,7 +33,7 @@ def each_alone(state: FitState, sigma: float | None) -> tuple[ViewAlone, ...]:
     for view in state.views:
         sure = quantify_uncertainty(dataclasses.replace(view, next_step=None), sigma)
         y = np.asarray(view.y, np.float64) + gauss_newton_step(view.linearization)
-        value = view.problem.values(np.clip(y, *view.problem.unknowns.reach))
+        value = view.problem.values(view.problem.array(np.clip(y, *view.problem.unknowns.reach)))
         error = np.where(np.isnan(sure.standard_error), np.inf, sure.standard_error)
         found.append(ViewAlone(view.problem.scene.camera.name, value, error))
     return tuple(found)
@@ -66,11 +66,9 @@ def contradicting_view(
             deviations = abs(float(view.value[k] - value[k])) / max(math.sqrt(variance), TINY)
             if deviations > worst:
                 by_it, by_all = with_error(float(view.value[k]), own), with_error(float(value[k]), math.sqrt(of_all))
-                worst, words = (
-                    deviations,
-                    (
-                        f"the view {view.camera} contradicts the others: {name} is {by_it} by it alone, and {by_all} by "
-                        f"all ({short_count(deviations)} times as far as by chance)"
-                    ),
+                worst = deviations
+                words = (
+                    f"the view {view.camera} contradicts the others: {name} is {by_it} by it alone, and {by_all} by "
+                    f"all ({short_count(deviations)} times as far as by chance)"
                 )
     return words

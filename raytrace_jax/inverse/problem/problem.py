@@ -313,7 +313,7 @@ class FitState:
             return self.linearization
         each, dtype = [view.linearization for view in self.views], self.problem.observation.target.dtype
         rows = [np.column_stack([np.asarray(one.jacobian), np.asarray(one.residual)]) for one in each]
-        triangle = np.linalg.qr(np.concatenate(rows).astype(np.float64), mode="r")
+        triangle = np.asarray(np.linalg.qr(np.concatenate(rows).astype(np.float64), mode="r"))
         triangle *= np.where(np.diagonal(triangle) < 0, -1, 1)[:, None]
         parts = {
             name: on_device(sum(np.asarray(getattr(one, name), np.float64) for one in each), dtype)
