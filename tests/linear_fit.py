@@ -92,4 +92,5 @@ def linear_problem(columns, target, *, start=None, scale=None, weights=None, pri
     free = count if free is None else free
     unknowns = Unknowns(linear_names(free), tuple(transforms or [Transform()] * free))
     prior = make_prior(priors or {}, unknowns, jnp.dtype(jnp.float64))
-    return Problem(scene, observe(target, weights, scene, settings), unknowns, prior, settings, samples=1)
+    observation = observe(target, weights, scene, settings)
+    return Problem(scene, observation, unknowns, prior, settings, scene, unknowns, samples=1)

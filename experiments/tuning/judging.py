@@ -25,7 +25,7 @@ STATISTICS = "inverse"
 VARIED: list[tuple[str, tuple[Any, ...]]] = [
     ("judge.structure:BLOCK", (2, 3, 6, 8)),
     ("judge.structure:NEGLIGIBLE", (0.005, 0.01, 0.04, 0.08)),
-    ("judge.uncertainty:RANK_TOLERANCE", (1e-11, 1e-7)),
+    ("problem.linearize:RANK_TOLERANCE", (1e-11, 1e-7)),
     ("judge.uncertainty:NULL_COMPONENT", (1e-5, 1e-1)),
     ("judge.uncertainty:LEAST_CURVATURE", (0.01, 0.2)),
     ("judge.uncertainty:LARGEST_ERROR", (0.1, 0.25, 1.0)),

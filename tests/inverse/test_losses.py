@@ -12,8 +12,8 @@ from linear_fit import linear_problem
 from linear_pictures import state_at
 
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem.linearize import LOSSES
-from raytrace_jax.inverse.solve.solvers import gauss_newton_step, predicted_decrease, step_to_minimum
+from raytrace_jax.inverse.problem.linearize import LOSSES, gauss_newton_step
+from raytrace_jax.inverse.solve.solvers import predicted_decrease, step_to_minimum
 
 NAMES = sorted(LOSSES)
 DEFINITIONS = {"l2": lambda r, s: r**2 / 2, "cauchy": lambda r, s: s**2 / 2 * np.log1p((r / s) ** 2)}

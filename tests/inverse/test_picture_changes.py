@@ -143,7 +143,7 @@ def test_the_best_gain_and_offset_are_exact():
     target = light[0] * gain[:, None, None] + offset[:, None, None]
     free = ["vitreous.ior", "film.gain", "film.offset"]
     problem = posed_problem(SCENE, target, free, SETTINGS, WEIGHTS)
-    start = problem.unknowns.initial(problem.scene)
+    start = problem.initial
     rows, images = best_films(problem, np.stack([start, start]), light, 1)
     np.testing.assert_allclose(rows[0], [1.337, *gain, *offset], atol=1e-10)
     np.testing.assert_allclose(images[0], target, atol=1e-10)

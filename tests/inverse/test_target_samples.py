@@ -140,7 +140,7 @@ def test_block_scatter_is_that_of_estimates():
             estimate = np.linalg.lstsq(flat.T, residual, rcond=None)[0]
             left = (residual - estimate @ flat).reshape(weight.shape)
             estimates.append(estimate)
-            predicted.append(np.diagonal(block_scatter(columns, weight, left)))
+            predicted.append(np.diagonal(block_scatter([(columns, weight, left)])))
         return np.sqrt(np.mean(predicted, axis=0)) / np.std(estimates, axis=0)
 
     def structure():

@@ -27,10 +27,9 @@ from linear_pictures import (
 
 from raytrace_jax.inverse.judge.uncertainty import direction_in_words, noise_level, quantify_uncertainty
 from raytrace_jax.inverse.options import Stage
-from raytrace_jax.inverse.problem.linearize import LOSSES
+from raytrace_jax.inverse.problem.linearize import LOSSES, gauss_newton_step
 from raytrace_jax.inverse.problem.noise import rounding_scatter
 from raytrace_jax.inverse.problem.unknowns import Transform
-from raytrace_jax.inverse.solve.solvers import gauss_newton_step
 
 DRAWS = 2000
 """Noisy pictures of a Monte Carlo run: the scatter of their estimates is known to 1.6 %."""
