@@ -26,6 +26,7 @@ from ..report.fit_report.summary import summarize
 from ..scene.parameters import set_parameters
 from ..scene.writer import save_scene
 from ..tracer.rendering import picture_derivatives, render
+from ..util.compilation import SECONDS_COMPILING
 from ..util.files import atomic_write, json_text, read_bytes, strict, write_text
 from ..util.session import jax_session
 from .jobs import OF_NOISE, TOTAL, Job, file_name, job_scene
@@ -43,6 +44,7 @@ class JobRecord:
     outputs: Sequence[str] = ()
     results: Mapping[str, float | str | None] = field(default_factory=dict)
     seconds: float = 0.0
+    compiling: float = 0.0  # Seconds of these that went into programs, which later jobs of this process share.
 
 
 MISSING = JobRecord("missing")
@@ -71,7 +73,8 @@ def read_record(folder: Path, job: Job) -> JobRecord | None:
         return None
     try:
         kept = json.loads(read_bytes(path))
-        record = JobRecord(*(kept[name] for name in ("status", "message", "outputs", "results", "seconds")))
+        cells = [kept[name] for name in ("status", "message", "outputs", "results", "seconds")]
+        record = JobRecord(*cells, compiling=kept.get("compiling", 0.0))
     except (RaytraceError, ValueError, KeyError, TypeError):
         return None
     return record if all((folder / output).exists() for output in record.outputs) else None
@@ -162,12 +165,12 @@ def _mean(values: ArrayLike) -> float:
 
 def run_and_record(job: Job, folder: Path) -> JobRecord:
     """Run a job, write its record and return it; a job that Ctrl-C meets gets none."""
-    began = time.perf_counter()
+    began, before = time.perf_counter(), len(SECONDS_COMPILING)
     try:
         record = run_job(job, folder)
     except Exception as error:
         record = JobRecord("failed", one_sentence(error))
-    record = dataclasses.replace(record, seconds=time.perf_counter() - began)
+    record = dataclasses.replace(record, seconds=time.perf_counter() - began, compiling=sum(SECONDS_COMPILING[before:]))
     write_record(folder, job, record)
     return record
 

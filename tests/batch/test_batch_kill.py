@@ -64,7 +64,7 @@ def contents(folder):
         if path.is_file() and ".part-" not in path.name:
             found[path.relative_to(folder)] = path.read_bytes()
             if path.parent.name == "records" and path.suffix == ".json":
-                found[path.relative_to(folder)] = {**json.loads(path.read_text()), "seconds": None}
+                found[path.relative_to(folder)] = {**json.loads(path.read_text()), "seconds": None, "compiling": None}
     return found
 
 
