@@ -125,6 +125,8 @@ def test_a_failed_job_is_tried_again(batch, tmp_path, replace):
     assert "target.png: is of an unknown format" in rows[1]["message"] and rows[1]["message"] in shown
     assert "warning: 1 of 2 jobs failed" in shown
     again = batch(plan)
+    for row in (*rows, *again[1]):
+        del row["seconds"]
     assert again[:2] == (code, rows) and "1 of them done already" in again[3]
 
     def fail(job, folder):
