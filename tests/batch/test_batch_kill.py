@@ -78,7 +78,7 @@ def kill(process):
 def same(plan, name):
     first, second = (contents(plan.parent / folder) for folder in ("whole", name))
     assert first.keys() == second.keys()
-    assert len(first) == JOBS * 3 + 5  # The tables, the page, the sheet and the plan.
+    assert len(first) == JOBS * 3 + 3  # The table, the page and the plan.
     assert [path for path in first if first[path] != second[path]] == []
 
 
