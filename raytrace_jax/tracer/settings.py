@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 from ..errors import RaytraceWarning, SceneError, SettingsError
 from ..scene import setting_words as words
 from ..scene.setting_words import MAX_PICTURE_SIDE as MAX_SIDE
-from ..util.checked import Checked, Wanted, refuse_other
+from ..util.checked import Checked, Wanted, listed_in_help, refuse_other
 
 if TYPE_CHECKING:
     from ..scene.response import Frame
@@ -72,6 +72,7 @@ PATH_LIMIT = Wanted("a length greater than 0", "LENGTH", above=0)
 LEAST_WEIGHT = Wanted(metavar="SHARE", least=0, below=1)
 
 
+@listed_in_help
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RenderSettings(Checked):
     """Settings as they are asked for; None is what the scene's file says, or else the model's own.

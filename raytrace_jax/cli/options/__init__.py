@@ -6,17 +6,15 @@ the table of what it chooses from.
 
 import contextlib
 import dataclasses
-import functools
 import itertools
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 
-import docstring_parser
 from tyro.conf import Positional, Suppress, UseAppendAction, arg
 
 from ...tracer.settings import AovName, Precision, RenderSettings
-from ...util.checked import Checked, wanted
+from ...util.checked import Checked, field_texts, wanted
 from ..console import UsageError, blamed_on
 
 T = TypeVar("T")
@@ -52,13 +50,6 @@ def split_assignment(option: str, text: str, form: str, read: Callable[[str], T]
         if name and value:
             return name, read(value)
     raise UsageError(f"--{option} {text}: write {form}.")
-
-
-@functools.cache
-def field_texts(options: type) -> dict[str, str]:
-    """The texts below a class' own fields by name, each on one line; to find them Python parses the whole module."""
-    rows = docstring_parser.parse_from_object(options).params
-    return {row.arg_name: " ".join((row.description or "").split()) for row in rows}
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)

@@ -8,14 +8,14 @@ from tyro.conf import Positional, arg
 
 from ...images import Clipped, Transfer
 from ...inverse.options import FitOptions
-from ...util.checked import Wanted
+from ...util.checked import Wanted, field_texts
 from ...util.text import PaperName, parse_number, value_and_deviation
 from .. import options as shared
 from ..console import UsageError
 
 T = TypeVar("T")
 
-FIT_TEXTS = shared.field_texts(FitOptions)
+FIT_TEXTS = field_texts(FitOptions)
 """The help of options that the command line takes as texts, by the names of what is made of these."""
 
 
