@@ -122,8 +122,8 @@ class RenderSettings(Checked):
     """Render one large pixel for each N x N of the picture: a quick preview. A crop is counted in large pixels."""
     model: words.ModelName | None = None
     """The shading model. It also gives the defaults of what the scene's file leaves out. classic: the assignment's
-    model; additive: that of the report on checkpoints 4 to 6, with shadows; physical: that of real glass. Default: the
-    settings in the scene's file, else classic. For the other options, too, the file's settings come first."""
+    model; additive: that of the report on checkpoints 4 to 6, with shadows; physical: that of real glass. Without it
+    that of the scene's file, else classic. What other options leave open the file says first, too."""
     path_limit: Annotated[float | None, PATH_LIMIT] = None
     """A longer path ends in black, in world units. Without it 100 in the classic model, infinite in the others."""
     least_weight: Annotated[float | None, LEAST_WEIGHT] = None

@@ -99,7 +99,7 @@ def test_a_parameter_has_several_names():
 @pytest.mark.parametrize("options", [RenderSettings, FitOptions])
 def test_help_of_options_lists_each_once_in_words(options):
     text = pydoc.plain(pydoc.render_doc(options)).split("Data and other attributes")[0]  # There pydoc cuts its lines.
-    assert not re.search(r"Annotated|Wanted|typing\.|Literal", text)
+    assert not re.search(r"Annotated|Wanted", text)
     listed = inspect.getdoc(options).partition("Args:\n")[2].partition("\nRaises:")[0]
     entries = re.findall(r"^    (\w+): (.+?)\. ([A-Za-z].*?\.)$", re.sub(r"\n {8}", " ", listed), re.MULTILINE)
     assert [name for name, _, _ in entries] == [field.name for field in dataclasses.fields(options)]

@@ -56,10 +56,10 @@ def split_assignment(option: str, text: str, form: str, read: Callable[[str], T]
 class CommandOptions(Checked):
     """The base of all options: each class of them becomes a frozen dataclass with help as tyro takes it.
 
-    Texts run on from line to line: tyro breaks its help where an indented line begins. A default of None is not told:
-    the texts say what holds without the option. What has no default is told to be required, rows too, which tyro would
-    take as empty. The command line does not offer `hidden` fields. Rows of an option that came repeatedly are joined,
-    and refusals name an option as the command line does.
+    Texts run on from line to line: tyro breaks its help where an indented line begins. A default of None or of an empty
+    text is not told: the texts say what holds without the option. What has no default is told to be required, rows too,
+    which tyro would take as empty. The command line does not offer `hidden` fields. Rows of an option that came
+    repeatedly are joined, and refusals name an option as the command line does.
     """
 
     def __init_subclass__(cls, hidden: Collection[str] = ()) -> None:
@@ -73,7 +73,7 @@ class CommandOptions(Checked):
             elif field.name in texts:
                 behaviours = [getattr(mark, "help_behavior_hint", None) for mark in getattr(hint, "__metadata__", ())]
                 required = "(required, repeatable)" if REPEATABLE in behaviours else "(required)"
-                default = {None: "", dataclasses.MISSING: required}.get(field.default)
+                default = {None: "", "": "", dataclasses.MISSING: required}.get(field.default)
                 shown = arg(metavar=wanted(hint).metavar, help=texts[field.name], help_behavior_hint=default)
                 cls.__annotations__[field.name] = Annotated[hint, shown]
 
@@ -94,7 +94,7 @@ class PictureOptions(CommandOptions, RenderSettings, hidden=("rays_per_pixel", "
 
 
 class RenderOptions(PictureOptions, hidden=("edges", "binning", "aov", "rays_per_pixel", "throw")):
-    """How a picture is made: what all commands share that make one."""
+    """How a picture is made, the same for all commands that make one."""
 
 
 class SceneOptions(CommandOptions):
