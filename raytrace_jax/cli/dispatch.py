@@ -215,5 +215,5 @@ def _check_files(command: Any) -> None:
         for path in value if isinstance(value, tuple) else (value,):
             if isinstance(path, Path) and name == "scene" and not scene_path(path).exists():
                 raise RaytraceError(no_such_scene(path))
-            if isinstance(path, Path) and name not in ("scene", "output") and not path.exists():
+            if isinstance(path, Path) and name not in ("scene", "output", "save") and not path.exists():
                 read_bytes(path)  # It says which names are near.

@@ -108,19 +108,23 @@ def draw_gradients(
     derivatives' relative errors and correlations and the `verdicts`; below the picture stands their `caption`. `origin`
     is column and row of the first pixel in the whole picture.
     """
-    # Room for each panel in inches: at most five in a row, with their titles and the words on how they agree. A place
-    # has one panel, or two: the derivative above, the difference below.
+    # Room for each panel in inches, with its title, its caption and the words on how they agree. A place has one panel,
+    # or two: the derivative above, the difference below. Rows are as long as make the sheet most like a slide, 16 : 9.
     _, height, width = found.image.shape
     panels = 1 + len(found.names)
-    columns = math.ceil(panels / math.ceil(panels / 5))
     rows_each = 1 if differences is None else 2
-    panel_height = min(6.0, max(1.2, 2.1 * height / width))
-    band_height = rows_each * panel_height + 0.35 + 0.85 * (rows_each - 1)
-    figure, axes = panel_bands(panels, columns, rows_each, 3.0, band_height)
+    panel_height = min(6.0, max(1.2, 3.2 * height / width))
+    band_height = rows_each * (panel_height + 1.1) + 0.6 * (rows_each - 1)
+
+    def unlike_slide(columns: int) -> float:
+        return abs(math.log(4.0 * columns / (band_height * math.ceil(panels / columns)) / (16 / 9)))
+
+    columns = min(range(1, panels + 1), key=unlike_slide)
+    figure, axes = panel_bands(panels, columns, rows_each, 4.0, band_height)
     axes[0, 0].imshow(as_pixels(found.image, transfer))
-    axes[0, 0].set_title("picture", fontsize=9)
+    axes[0, 0].set_title("picture", fontsize=11)
     if differences is not None:
-        axes[0, 1].text(0.5, 0.5, caption, ha="center", va="center", fontsize=8, color="0.35")
+        axes[0, 1].text(0.5, 0.5, caption, ha="center", va="center", fontsize=9, color="0.35")
         axes[0, 1].set_axis_off()
 
     # A derivative and its difference share one colour scale, so that eyes can compare them.
@@ -160,5 +164,6 @@ def draw_signed(
         row, column = np.unravel_index(np.argmax(squares), squares.shape)
         if (largest := squares[row, column] / squares.sum()) >= 0.1:
             said.append(f"({100 * largest:.0f} % pixel {origin[0] + column}, {origin[1] + row} alone)")
-    ax.set_title(title, fontsize=9)
-    draw_signed_values(ax, mean, limit, bool(beyond.any()), "\n".join(said))
+    ax.set_title(title, fontsize=11)
+    ax.set_xlabel("\n".join(said), fontsize=9)
+    draw_signed_values(ax, mean, limit, bool(beyond.any()), "")

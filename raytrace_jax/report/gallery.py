@@ -123,7 +123,9 @@ def draw_gallery(
     names = pictures[0].names
     _, height, width = pictures[0].image.shape
     rows_each = 1 + len(names)
-    figure, axes = panel_bands(len(pictures), columns, rows_each, 3.6, (3.24 * height / width + 0.3) * rows_each)
+    figure, axes = panel_bands(
+        len(pictures), columns, rows_each, 3.6, (3.24 * height / width + 0.3) * rows_each + 0.8 * len(names)
+    )
     derivatives = [np.asarray(picture.values) for picture in pictures]
     limits = [max(scale_limit(values[k]) for values in derivatives) or 1.0 for k in range(len(names))]
     for (shown, *below), title, picture, values in zip(axes, titles, pictures, derivatives, strict=True):

@@ -4,10 +4,11 @@ import contextlib
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from typing import TypeVar
+from typing import ParamSpec, TypeVar
 
 import jax
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
@@ -63,15 +64,15 @@ def run_beside(work: Callable[[], T], clock: Clock) -> T:
     return outcome.result()
 
 
-def with_settings(work: Callable[[], T]) -> Callable[[], T]:
+def with_settings(work: Callable[P, T]) -> Callable[P, T]:
     """Work for another thread with JAX's settings of this one: each thread has its own."""
     names = ("enable_x64", "debug_nans", "default_device", "default_matmul_precision")
     values = {name: getattr(jax.config, f"jax_{name}") for name in names}
 
-    def run() -> T:
+    def run(*args: P.args, **options: P.kwargs) -> T:
         with contextlib.ExitStack() as stack:
             for name, value in values.items():
                 stack.enter_context(getattr(jax, name)(value))
-            return work()
+            return work(*args, **options)
 
     return run

@@ -65,6 +65,7 @@ def test_a_sweep_has_labels(tmp_path):
     arguments = ("sweep", VITREOUS, "--over", "vitreous.ior=1.2:1.5:2", "--size", 160, 120, "--max-bounces", 0, "-o")
     assert run(*arguments, tmp_path / "without.gif") == 0
     assert run(*arguments, tmp_path / "with.gif", "--label") == 0
+    assert frames_of(tmp_path / "with.gif")[1]["duration"] == 1000  # Two values are not over in a tenth of a second.
     without, labelled = (frames_of(tmp_path / name)[0][0] for name in ("without.gif", "with.gif"))
     assert len(labelled) == 133 and np.all(np.flatnonzero((labelled[120:] > 200).any(axis=(0, 2))) < 120)
     assert (np.abs(without - labelled[:120]).max(axis=-1) > 100).sum() < 20

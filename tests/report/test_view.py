@@ -2,8 +2,10 @@
 
 import base64
 import dataclasses
+import html
 import io
 import json
+import socket
 import subprocess
 import threading
 import time
@@ -22,8 +24,10 @@ from scenes import assignment_scene
 from raytrace_jax import ParameterError, picture_derivatives, render, set_parameters
 from raytrace_jax.images.transfer import encode_course
 from raytrace_jax.report.derivatives import scale_limit
-from raytrace_jax.report.live import Slider, Studio, answer, make_server, render_page, scale_of
+from raytrace_jax.report.live import Slider, Studio, answer, make_server, render_page, saved_page, scale_of
 from raytrace_jax.report.panels import signed_pixels
+from raytrace_jax.tracer.ray_tree import trace_tree
+from raytrace_jax.tracer.rendering import PictureDerivatives
 from raytrace_jax.tracer.settings import ResolvedSettings
 
 SETTINGS = ResolvedSettings(size=(40, 30), max_bounces=2)
@@ -61,6 +65,47 @@ def test_pictures_are_of_the_moved_scene(studio):
     np.testing.assert_array_equal(pixels(reply)[INSIDE], expected[INSIDE])
 
 
+@pytest.mark.slow
+def test_pictures_of_areas_follow(studio):
+    reply = told(studio, "/areas?vitreous.ior=1.8")
+    moved = set_parameters(assignment_scene(), {"vitreous.ior": 1.8})
+    image = np.asarray(render(moved, dataclasses.replace(SETTINGS, edges="aware")).image)
+    np.testing.assert_array_equal(pixels(reply), encode_course(image))
+
+
+def test_the_first_hit_is_said(studio):
+    node = trace_tree(studio.scene, (19, 14), SETTINGS).nodes[0]
+    words = told(studio, "/rays?column=19&row=14")["words"]
+    assert f"hits {node.shape}, incidence {np.degrees(node.theta_i):.1f}°" in words and "reflected" in words
+
+
+def test_a_derivative_ends_when_the_page_no_longer_waits(studio, monkeypatch):
+    # The picture is made in strips; whoever closed the connection is noticed before the next.
+    entered, strips = threading.Event(), []
+
+    def strip(scene, names, settings):
+        strips.append(settings.crop)
+        entered.set()
+        time.sleep(0.3)
+        values = np.zeros((len(names), 3, settings.crop[3], settings.crop[2]))
+        return PictureDerivatives(values[0], tuple(names), values, ("",) * len(names))
+
+    monkeypatch.setattr("raytrace_jax.report.live.picture_derivatives", strip)
+    monkeypatch.setattr(studio, "settings", dataclasses.replace(SETTINGS, size=(4000, 30)))
+    with make_server(studio, "a") as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        client = socket.create_connection(("127.0.0.1", server.server_port))
+        client.sendall(b"GET /derivative?by=vitreous.ior HTTP/1.0\r\n\r\n")
+        assert entered.wait(20)
+        # Meanwhile what is quick is answered.
+        monkeypatch.setattr(studio, "picture", lambda scene, edges: Image.new("RGB", (1, 1)))
+        assert told(studio, "/picture")["image"]
+        client.close()
+        with studio.locks["derivative"]:
+            assert 1 <= len(strips) <= 3 < 15
+        server.shutdown()
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("text", ["1.3115", "1.31150000000000011", "2.4", "1"])
 def test_the_told_value_is_the_rendered_one(studio, monkeypatch, dtype, text):
@@ -69,7 +114,7 @@ def test_the_told_value_is_the_rendered_one(studio, monkeypatch, dtype, text):
     )
     rendered = []
     monkeypatch.setattr(studio, "scene", scene)
-    monkeypatch.setattr(studio, "picture", lambda scene: rendered.append(scene) or b"")
+    monkeypatch.setattr(studio, "picture", lambda scene, edges: rendered.append(scene) or Image.new("RGB", (1, 1)))
     reply = told(studio, f"/picture?vitreous.ior={text}")
     (moved,) = rendered
     for name, value in reply["values"].items():
@@ -152,7 +197,7 @@ def test_the_server_answers_and_says_errors(studio, monkeypatch, capsys):
 
     monkeypatch.setattr(studio, "rays", fail)
     with make_server(studio, "a <scene>") as server:
-        threading.Thread(target=lambda: [server.handle_request() for _ in range(4)], daemon=True).start()
+        threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"http://127.0.0.1:{server.server_port}"
         with urllib.request.urlopen(address) as reply:
             page = reply.read().decode()
@@ -165,6 +210,7 @@ def test_the_server_answers_and_says_errors(studio, monkeypatch, capsys):
             with pytest.raises(urllib.error.HTTPError) as caught:
                 urllib.request.urlopen(address + path)
             assert caught.value.code == code and words in caught.value.read().decode()
+        server.shutdown()
     assert "MemoryError" in capsys.readouterr().err
     assert "https://" not in render_page(studio, "a") and "http://" not in render_page(studio, "a")
 
@@ -220,6 +266,9 @@ addEventListener("load", async () => {
   picture.dispatchEvent(new MouseEvent("click", middle));
   await rest();
   await byId("tree").decode();
+  const mark = byId("mark").getBoundingClientRect();
+  seen.mark = [mark.left + mark.width / 2 - middle.clientX, mark.top + mark.height / 2 - middle.clientY];
+  seen.hit = byId("hit").textContent;
   Object.assign(seen, { rays: byId("tree").naturalWidth, value: inputs[0].value, error: byId("error").textContent });
   seen.said = [...said];
   fetch("/seen", { method: "POST", body: JSON.stringify(seen) });
@@ -243,21 +292,26 @@ def test_sliders_move_picture_and_rays(studio, browser, monkeypatch, tmp_path):
         monkeypatch.setattr(server.RequestHandlerClass, "do_POST", hear, raising=False)
         options = [*HEADLESS, "--window-size=1280,800", f"--user-data-dir={tmp_path / 'profile'}"]
         command = [browser, *options, f"http://127.0.0.1:{server.server_port}/"]
-        server.timeout, last = 0.5, time.monotonic() + 300
+        last = time.monotonic() + 300
+        threading.Thread(target=server.serve_forever, daemon=True).start()
         with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
             while not seen and process.poll() is None and time.monotonic() < last:
-                server.handle_request()
+                time.sleep(0.2)
             process.terminate()
+        server.shutdown()
     assert seen, "the page said nothing"
     (before, after, derivative) = (
         np.reshape(seen[name], (30, 40, 4))[..., :3].transpose(2, 0, 1) for name in ("before", "after", "derivative")
     )
     moved = set_parameters(assignment_scene(), {"vitreous.ior": float(seen["value"])})
     for scene, picture in ((assignment_scene(), before), (moved, after)):
-        expected = encode_course(np.asarray(render(scene, SETTINGS).image))
+        # At rest the picture is that of areas.
+        expected = encode_course(np.asarray(render(scene, dataclasses.replace(SETTINGS, edges="aware")).image))
         # A browser goes through the screen's profile, which rounds.
         np.testing.assert_allclose(picture[INSIDE], expected[INSIDE].astype(int), atol=1)
     assert np.any(before != after) and len(np.unique(derivative)) > 20
+    # The pixel is marked, and what its ray hits is said.
+    assert np.abs(seen["mark"]).max() < 20 and "hits vitreous, incidence" in seen["hit"]
     assert seen["rays"] > 100 and not seen["error"]
     assert seen["old"] and seen["new"] and seen["label"] == seen["value"] == "1.8"
     assert "0" in seen["ticks"] and len(seen["ticks"]) >= 3 and "per unit of index" in seen["meaning"]
@@ -267,3 +321,47 @@ def test_sliders_move_picture_and_rays(studio, browser, monkeypatch, tmp_path):
     assert seen["sliders"] <= picture_box[0] and picture_box[2] <= derivative_box[0] <= derivative_box[2] <= 1280
     assert picture_box[1] == derivative_box[1] and seen["ends"] == [["1", "2.4"], ["2", "6"]]
     assert {f"{kind}-status compiling" for kind in ("picture", "derivative", "rays")} <= set(seen["said"])
+
+
+TOUR = """<script>
+addEventListener("load", async () => {
+  const rest = async () => { do await new Promise(go => setTimeout(go, 20)); while (!saved || busy || wanted); };
+  const seen = [], note = async () => {
+    await rest();
+    await Promise.all([byId("picture").decode(), byId("tree").decode()]);
+    seen.push([byId("picture").src.length, byId("tree").naturalWidth, byId("hit").textContent, values["vitreous.ior"],
+      byId("error").textContent]);
+  };
+  await note();
+  for (const input of [inputs[0], byId("pixel")]) {
+    input.value = input.max;
+    input.dispatchEvent(new Event("input"));
+    await note();
+  }
+  document.body.textContent = `SEEN${JSON.stringify(seen)}NEES`;
+});
+</script>"""
+
+
+def test_a_saved_page_needs_no_server(studio, browser, monkeypatch, tmp_path):
+    monkeypatch.setattr(studio, "sliders", SLIDERS[:1])
+    monkeypatch.setattr(studio, "edges", "point")
+    page = saved_page(studio, "a scene", 3)
+    assert "http://" not in page.replace("http://www.w3.org", "") and "https://" not in page
+    path = tmp_path / "page.html"
+    path.write_text(page.replace("</body>", f"{TOUR}</body>"), encoding="utf-8")
+    options = [*HEADLESS, "--virtual-time-budget=20000", "--dump-dom", f"--user-data-dir={tmp_path / 'profile'}"]
+    done = subprocess.run([browser, *options, path.as_uri()], capture_output=True, text=True, timeout=120)
+    first, moved, rim = json.loads(html.unescape(done.stdout.split("SEEN")[1].split("NEES")[0]))
+    assert all(width > 100 and "hits vitreous" in hit and not error for _, width, hit, _, error in (first, moved, rim))
+    # The scene's own value is among the three, and the last is the slider's end.
+    assert float(first[3]) == pytest.approx(float(studio.values(studio.scene)["vitreous.ior"])) and moved[3] == "2.4"
+    assert first[0] != moved[0] and moved[0] == rim[0]
+
+    def incidence(hit):
+        return float(hit.split("incidence ")[1].split("°")[0])
+
+    # The picture moves with the index alone; the incidence with the pixel alone, towards grazing.
+    assert incidence(first[2]) == incidence(moved[2]) < incidence(rim[2]) > 50
+    refracted = [hit.split("refracted to ")[1].split("°")[0] for _, _, hit, *_ in (first, moved)]
+    assert float(refracted[0]) > float(refracted[1])

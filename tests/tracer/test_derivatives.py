@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 from pathlib import Path
 
 import jax
@@ -97,6 +98,13 @@ def test_the_sheet_has_a_panel_a_parameter(count, checked, shown, tmp_path):
             low, high = image.get_clim()
             assert low == -high < 0
     figure.savefig(tmp_path / "sheet.png")
+    # No caption runs into another panel's, and the sheet is about as wide as a slide.
+    boxes = [ax.get_tightbbox() for ax in panels]
+    assert not any(
+        one.x0 < two.x1 and two.x0 < one.x1 and one.y0 < two.y1 and two.y0 < one.y1
+        for one, two in itertools.combinations([box.padded(-1) for box in boxes], 2)
+    )
+    assert 1.1 < np.divide(*figure.get_size_inches()) < 3.1
 
 
 def test_the_sheet_says_what_it_clips():
@@ -104,7 +112,7 @@ def test_the_sheet_says_what_it_clips():
     values[0, :, 7, 5] = 300.0
     found = PictureDerivatives(np.zeros((3, 18, 24)), ("ball.radius",), values, ("world unit",))
     figure = draw_gradients(found, values, "how", ["agree"], origin=(100, 200))
-    labels = [bar.get_ylabel() for ax in figure.axes for bar in ax.child_axes]
+    labels = [ax.get_xlabel() for ax in figure.axes if ax.child_axes]
     words = [
         "mean of R, G, B per world unit",
         "0.7 % of its pixels are off the scale",

@@ -182,7 +182,12 @@ def test_rays_draws_the_tree_and_lists_it(suffix, tmp_path, capsys):
             assert min(drawing.size) > 300 and len(colors) > 20
         return
     text = out.read_text()
-    assert all(f"<!-- {word} -->" in text for word in ("reflected", "transmitted", "vitreous"))
+    assert all(
+        f"<!-- {word} -->" in text for word in ("reflected", "transmitted", "vitreous, n = 1.5", "normal of a surface")
+    )
+    # The axes are directions in words; the angles of the first hit are written.
+    angles = (f"{np.degrees(angle):.1f}°" for angle in (tree.nodes[0].theta_i, tree.nodes[0].theta_t))
+    assert all(f"<!-- {words} -->" in text for words in (*angles, "away from the camera [world units]"))
     assert run("rays", VITREOUS, "--pixel", 20, 15, "-o", out, *options, "--quiet") == 0
     assert capsys.readouterr().err == ""
     assert sorted(path.name for path in out.parent.iterdir()) == [out.name]

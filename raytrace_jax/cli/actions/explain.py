@@ -2,13 +2,14 @@
 
 import math
 import sys
+from pathlib import Path
 
 import numpy as np
 
 from ...report.films import screen_transfer
 from ...report.lessons.pictures import LESSONS, WORK, index_page
-from ...report.live import HOST, Slider, Studio, make_server
-from ...report.rays import draw_tree
+from ...report.live import HOST, Slider, Studio, make_server, saved_page
+from ...report.rays import draw_tree, least_drawn
 from ...scene.parameters import blocks_of, get_parameter, material_of, scalar_names
 from ...scene.scene import Scene
 from ...scene.setting_words import ModelName
@@ -32,10 +33,7 @@ def run_rays(command: Rays) -> None:
     column, row = tree.pixel
     rays, color = _count(len(tree.nodes)), _color(tree.nodes[0])
     title = f"pixel {column} {row} of {command.scene.name}: {rays}, colour {color}"
-    # A path through glass splits at every surface: of the 33 rays behind pixel 360 220 of `bubble` 18 count less,
-    # too little to see in a picture.
-    least = 0.005 if settings.model == "physical" else 0.0
-    least = least if command.least_drawn is None else command.least_drawn
+    least = least_drawn(settings) if command.least_drawn is None else command.least_drawn
     figure = draw_tree(tree, scene, title, settings, least)
 
     # The file is written before anything is said on stdout.
@@ -87,6 +85,8 @@ def _count(rays: int) -> str:
 
 
 def run_view(command: View) -> None:
+    if command.save:
+        check_picture_path(command.save, (".html",), "a page")
     asked = [parse_slider(text) for text in command.over]
     scene, settings = read_picture_scene(command)
     for slider in asked:
@@ -95,13 +95,29 @@ def run_view(command: View) -> None:
         value = float(get_parameter(scene, slider.name))
         if not slider.start <= value <= slider.stop:
             raise UsageError(f"{option}: the scene has {value:g}, which lies outside.")
-    sliders = tuple(asked) or first_glass(scene, settings.model)
+    sliders = tuple(asked) or first_glass(scene, settings.model)[: 1 if command.save else None]
+    if command.save and len(sliders) > 2:
+        raise UsageError("--save takes one or two numbers: name no more by --over.")
+    if command.steps and not command.save:
+        raise UsageError("--steps is for --save: the sliders of a served page move freely.")
     scalar_names(scene, [slider.name for slider in sliders])  # Refuses one that comes twice.
     warn_of_shared_materials(scene, [slider.name for slider in sliders])
     studio = Studio(scene, settings, sliders, screen_transfer(settings), command.edges)
+    if command.save:
+        return save_view(command.save, studio, command)
     with make_server(studio, command.scene.stem, command.port) as server:
         print(f"http://{HOST}:{server.server_port}/", flush=True)
         server.serve_forever()
+
+
+def save_view(path: Path, studio: Studio, command: View) -> None:
+    """Write the page as one file, and say on stderr how far it is."""
+    steps = command.steps or (15 if len(studio.sliders) == 1 else 7)
+    with Timer("rendering the page", stderr_console(command.quiet)) as timer:
+        page = saved_page(studio, command.scene.stem, steps)
+    timer.took("rendering the page")
+    write_text(path, page)
+    print(path)
 
 
 def parse_slider(text: str) -> Slider:

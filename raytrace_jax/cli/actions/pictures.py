@@ -34,6 +34,9 @@ from ..preparation import (
 )
 from ..progress import Timer
 
+SECONDS = 4.0
+"""How long an animation is where nobody says how fast it is: as long as one looks at it."""
+
 
 def run_grad(command: Grad) -> int:
     """Differentiate the picture, write its layers and their sheet, print the paths and, if asked, the check.
@@ -150,7 +153,7 @@ def run_sweep(command: Sweep) -> None:
     path, suffix = command.output, command.output.suffix.lower()
     check_picture_path(path, animation.SUFFIXES, "an animation")
     most = animation.MOST_GIF_FPS if suffix == ".gif" else 60
-    if not 1 <= command.fps <= most:
+    if command.fps is not None and not 1 <= command.fps <= most:
         raise UsageError(f"--fps is {command.fps}; for a {suffix} file it can be 1 to {most}.")
     if suffix == ".mp4":
         animation.require_ffmpeg(path)
@@ -166,7 +169,8 @@ def run_sweep(command: Sweep) -> None:
     if command.label:
         frames = animation.label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])
     back = frames[-2:0:-1] if command.bounce else []
-    animation.write_animation(command.output, [*frames, *back], command.fps)
+    shown = [*frames, *back]
+    animation.write_animation(command.output, shown, command.fps or min(20, max(1, round(len(shown) / SECONDS))))
     print(command.output)
 
 

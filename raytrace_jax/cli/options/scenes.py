@@ -102,8 +102,9 @@ class Sweep(shared.PictureCommand):
     """The parameter, a single number, and its values, evenly spaced with both ends: vitreous.ior=1.0:2.4:60."""
     output: Annotated[Path, shared.output("OUT.gif")]
     """The animation to write: OUT.gif, or OUT.mp4 if ffmpeg is on the PATH. Missing folders are made."""
-    fps: Annotated[int, arg(metavar="N")] = 20
-    """Frames a second, 1 to 60; a GIF has at most 50, and rounds to hundredths of a second a frame."""
+    fps: Annotated[int | None, arg(metavar="N")] = None
+    """Frames a second, 1 to 60; a GIF has at most 50, and rounds to hundredths of a second a frame. Without it as many
+    as make the animation 4 seconds long, but at most 20."""
     bounce: bool = False
     """Go through the values and back again, so that the animation has no jump where it repeats."""
     label: bool = False
@@ -133,10 +134,11 @@ class Rays(shared.PictureCommand):
     json: shared.AsJson = False
 
 
-class View(shared.SceneOptions):
+class View(shared.PictureCommand):
     """Show a scene on a page of this machine while its numbers move: picture, derivative and rays.
 
     The address is printed; Ctrl-C ends it. What is first shown is compiled for up to a minute; the page counts seconds.
+    With --save it is a file for a lecture's site.
 
     Example: raytrace-jax view glass_on_board --size 320 200 --over glass.ior=1:2.4 glass.center.x=-1:1
     """
@@ -146,9 +148,15 @@ class View(shared.SceneOptions):
     first glass ball."""
     port: Annotated[int, Wanted(metavar="N", least=0, most=2**16 - 1)] = 0
     """The port of the page; 0 takes any that is free."""
+    save: Annotated[Path | None, arg(metavar="PAGE.html")] = None
+    """Write one file in place of serving a page, which needs nothing but a browser: pictures made beforehand for the
+    values of one or two numbers, without --over those of the glass's index, and the rays of pixels from the glass's
+    middle to its rim."""
+    steps: Annotated[int | None, Wanted(metavar="N", least=2, most=100)] = None
+    """How many values a slider of --save has. Without it 15, or 7 of each of two."""
     edges: EdgeMode = "aware"
-    """aware: derivatives see edges move, as those of `grad`; point: they do not, and come ten times as fast."""
-    render: shared.RenderOptions = shared.RenderOptions()
+    """aware: pictures of areas follow those of points, and derivatives see edges move, as those of `grad`; point:
+    points alone, and derivatives come ten times as fast."""
 
 
 class Teach(shared.CommandOptions):
