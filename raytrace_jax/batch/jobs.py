@@ -86,7 +86,7 @@ COMPONENTS = {
     for attribute in kind.continuous
 }
 
-OF_NOISE, TOTAL = ".standard_error", ".total_error"  # Ends of the columns of an estimate's errors.
+OF_NOISE, TOTAL, OF_TRUTH = ".standard_error", ".total_error", ".truth"  # Ends of the columns beside an estimate's.
 
 
 def job_cells(job: Job) -> Row:
@@ -102,6 +102,14 @@ def job_cells(job: Job) -> Row:
         names = {"target": "target_name", "noise": "noise", "seed": "seed"}
         cells |= {column: job.options.get(name) for column, name in names.items()}
     return cells
+
+
+def setting_cells(job: Job) -> Row:
+    """The settings of a job as the plan and the scene have them, several numbers as the command line takes them."""
+    cells: Row = {"precision": job.precision}
+    for name, value in dataclasses.asdict(job.settings).items():
+        cells[name] = " ".join(map(str, value)) or None if isinstance(value, tuple) else value
+    return {f"settings.{name}": cell for name, cell in cells.items()}
 
 
 def labelled(jobs: Sequence[Job]) -> list[Job]:

@@ -1,5 +1,6 @@
 """The run of a job, its files and its record; and the processes of dask.distributed that run many."""
 
+import contextlib
 import dataclasses
 import json
 import logging
@@ -14,7 +15,7 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from ..errors import RaytraceError, one_sentence
+from ..errors import ParameterError, RaytraceError, one_sentence
 from ..images import jpeg, masks, pictures
 from ..images.png import write_png
 from ..inverse.build_problem import as_file_says
@@ -24,11 +25,13 @@ from ..inverse.result import FitResult
 from ..report.films import write_derivatives, write_film
 from ..report.fit_report.summary import summarize
 from ..scene.parameters import set_parameters
+from ..scene.scene import Scene
 from ..scene.writer import save_scene
 from ..tracer.rendering import picture_derivatives, render
+from ..util.compilation import SECONDS_COMPILING
 from ..util.files import atomic_write, json_text, read_bytes, strict, write_text
 from ..util.session import jax_session
-from .jobs import OF_NOISE, TOTAL, Job, file_name, job_scene
+from .jobs import OF_NOISE, OF_TRUTH, TOTAL, Job, file_name, job_scene
 from .plan import OPTIONS
 
 FOLDER = "records"
@@ -43,6 +46,7 @@ class JobRecord:
     outputs: Sequence[str] = ()
     results: Mapping[str, float | str | None] = field(default_factory=dict)
     seconds: float = 0.0
+    compiling: float = 0.0  # Seconds of these that went into programs, which later jobs of this process share.
 
 
 MISSING = JobRecord("missing")
@@ -71,7 +75,8 @@ def read_record(folder: Path, job: Job) -> JobRecord | None:
         return None
     try:
         kept = json.loads(read_bytes(path))
-        record = JobRecord(*(kept[name] for name in ("status", "message", "outputs", "results", "seconds")))
+        cells = [kept[name] for name in ("status", "message", "outputs", "results", "seconds")]
+        record = JobRecord(*cells, compiling=kept.get("compiling", 0.0))
     except (RaytraceError, ValueError, KeyError, TypeError):
         return None
     return record if all((folder / output).exists() for output in record.outputs) else None
@@ -97,6 +102,7 @@ def _fit(job: Job, folder: Path) -> Outcome:
     # A rendered target has the job's values, and the search for them begins at those of the scene.
     scene = set_parameters(job_scene(job, None if path else options["fixed"]), options["start"])
     how, weights, storage = FitOptions(**{name: options[name] for name in OPTIONS}), None, None
+    truths = None
     if path:
         how, picture = as_file_says(how, path, scene, options["free"]), pictures.read_picture(path)
         weights = masks.clipped_pixels(path, picture, "auto", clamps=job.settings.model != "physical").weights
@@ -105,6 +111,7 @@ def _fit(job: Job, folder: Path) -> Outcome:
     else:
         settings = dataclasses.replace(job.settings, samples=options["target_samples"])
         target = np.asarray(render(job_scene(job), settings).image)
+        truths = job_scene(job)
     noise = np.random.default_rng(options["seed"]).normal(scale=options["noise"], size=target.shape)
     target = target + noise.astype(target.dtype)
     result = fit(scene, target, options["free"], job.settings, options=how, weights=weights, storage=storage)
@@ -117,17 +124,19 @@ def _fit(job: Job, folder: Path) -> Outcome:
         for name in ("date", "seconds", "stages"):
             row.pop(name, None)
     write_text(numbers, json_text(summary))
-    return [numbers, fitted], _estimates(result)
+    return [numbers, fitted], _estimates(result, truths)
 
 
-def _estimates(result: FitResult) -> dict[str, Any]:
-    """The numbers of the table; None for what is infinite or not a number."""
+def _estimates(result: FitResult, truths: Scene | None) -> dict[str, Any]:
+    """The numbers of the table, with those of the target's scene, if there is one; None for infinite and no numbers."""
     numbers: dict[str, Any] = {"fit.status": result.status}
     numbers["fit.causes"] = "; ".join(cause.words for cause in result.check.causes) or None
     numbers["fit.rms_residual"] = result.rms_residual
     for row in result.parameters.values():
         errors = {f"fit.{row.name}{OF_NOISE}": row.standard_error, f"fit.{row.name}{TOTAL}": row.error}
         numbers |= {f"fit.{row.name}": row.value, **errors}
+        with contextlib.suppress(ParameterError):  # Not all that is free is the scene's.
+            numbers |= {f"fit.{row.name}{OF_TRUTH}": float(truths[row.name])} if truths else {}
     return {name: strict(value) for name, value in numbers.items()}
 
 
@@ -162,12 +171,12 @@ def _mean(values: ArrayLike) -> float:
 
 def run_and_record(job: Job, folder: Path) -> JobRecord:
     """Run a job, write its record and return it; a job that Ctrl-C meets gets none."""
-    began = time.perf_counter()
+    began, before = time.perf_counter(), len(SECONDS_COMPILING)
     try:
         record = run_job(job, folder)
     except Exception as error:
         record = JobRecord("failed", one_sentence(error))
-    record = dataclasses.replace(record, seconds=time.perf_counter() - began)
+    record = dataclasses.replace(record, seconds=time.perf_counter() - began, compiling=sum(SECONDS_COMPILING[before:]))
     write_record(folder, job, record)
     return record
 

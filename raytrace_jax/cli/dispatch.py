@@ -99,9 +99,9 @@ def _texts(value: object) -> list[str]:
 
 DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
 
-Results go to stdout, progress and warnings to stderr. Exit codes: 0 fine, 1 run time or file error, 2 wrong usage,
-3 the fit is not `converged`. `raytrace-jax COMMAND --help` explains a command, `raytrace-jax --version` says which
-version this is. `--config FILE.toml` takes options of a command from a file: its keys are their names."""
+Results go to stdout, progress and warnings to stderr. Exit codes: 0 fine, 1 an error on the way or in a file, 2 wrong
+usage, 3 the fit is not `converged`. `raytrace-jax COMMAND --help` explains a command, `raytrace-jax --version` says
+which version this is. `--config FILE.toml` takes options of a command from a file: its keys are their names."""
 
 EXAMPLE = "Example:"
 """What the line of an example begins with; it is one command, to be copied, and stays in one line."""

@@ -19,7 +19,8 @@ SILENCE = 8.0  # There, the time without any line after which one says that work
 class Shown:
     """A display from entering the context to leaving it, if on a terminal; else lines, one every few seconds.
 
-    A quiet console shows nothing. Lines that only say that work goes on have the `words` for it.
+    A quiet console shows nothing. Lines that only say that work goes on have the `words` for it; without words there
+    are none.
     """
 
     def __init__(self, console: Console, display: Any, words: str):
@@ -31,7 +32,7 @@ class Shown:
     def __enter__(self) -> Self:
         if self.display:
             self.display.start()
-        elif not self.console.quiet:
+        elif self.words and not self.console.quiet:
             threading.Thread(target=self._go_on, name="progress", daemon=True).start()
         return self
 

@@ -52,7 +52,8 @@ def _channels(numbers: Float[np.ndarray, "2"]) -> tuple[Float[np.ndarray, "3"], 
     """The indices of the channels by index and Abbe's number, and their derivatives."""
 
     def index(numbers: np.ndarray) -> np.ndarray:
-        return cauchy_index(numbers[0], numbers[1], np.array(CHANNEL_WAVELENGTHS))
+        n_d, abbe = numbers
+        return cauchy_index(n_d, abbe, np.array(CHANNEL_WAVELENGTHS))
 
     steps = 1e-5 * np.diag(numbers)
     slopes = [(index(numbers + step) - index(numbers - step)) / (2 * step.sum()) for step in steps]

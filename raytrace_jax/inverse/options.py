@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from ..errors import ParameterError
 from ..scene.setting_words import MAX_SAMPLES, EdgeMode
-from ..util.checked import Checked, Wanted
+from ..util.checked import Checked, Wanted, listed_in_help
 
 LossName = Literal["l2", "cauchy"]
 """The losses of `inverse.problem.linearize`."""
@@ -39,6 +39,7 @@ class Stage:
     noise: float = 0.0
 
 
+@listed_in_help
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FitOptions(Checked):
     """The setup of a fit and its solve; the defaults suit the picture of a camera and that of a renderer.

@@ -44,8 +44,8 @@ COMMON_NAMES = {
     "quartz": "Ghosh-o SiO2",
     "fused silica": "Malitson fused silica",
 }
-"""What people call a material, and the catalogue's entry of it, measured at 20 to 25 degrees Celsius and at the
-wavelengths of all channels; of crystals with two indices the ordinary ray's."""
+"""What people call a material, and the catalogue's entry of it, measured at 20 to 23 degrees Celsius or at "room
+temperature", and at the wavelengths of all channels; of crystals with two indices the ordinary ray's."""
 
 _FORMULAS = ("Sellmeier", "Sellmeier2", "Polynomial", "RefractiveIndexInfoFormula4", "Cauchy", "Gases", "Herzberger")
 _FORMULAS += ("Retro", "Exotic")  # In the order of their numbers, 1 to 9.

@@ -1,13 +1,14 @@
 """A photograph's camera, from the corners of its board that are seen directly, and the lens that several tell."""
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ..errors import PictureError
+from ..errors import PictureError, RaytraceWarning
 from ..util.digits import with_error
 from .alignment import align, best_blur
 from .boards import LEAST_CORNERS, CharucoBoard, opencv
@@ -17,6 +18,8 @@ from .lens import LensPrior, Turn, uncalibrated
 from .markers import find_markers
 from .photograph import Corners, Photograph
 from .sight import Projection
+
+Shown = TypeVar("Shown")
 
 LARGEST_SCATTER = 3e-4
 """Corners may scatter by this fraction of the picture's width, seen directly or through the glass: half a pixel of
@@ -117,12 +120,14 @@ class Calibrated(NamedTuple):
     Args:
         lens: its numbers, with their covariance, of pictures as the sensor has them.
         size: width and height of these.
+        names: of the pictures that tell of it.
         each: the lens as each picture alone tells it, also as the sensor has it.
         sigma: the scatter of corners, in pixels, of each picture.
     """
 
     lens: LensPrior
     size: tuple[int, int]
+    names: tuple[str, ...]
     each: tuple[LensPrior, ...]
     sigma: tuple[float, ...]
 
@@ -131,22 +136,53 @@ def calibrate(photographs: Sequence[Photograph], board: CharucoBoard) -> Calibra
     """Find a lens from pictures of a board, each from another side, with the same camera and focus.
 
     They are three at least, of one size on the sensor, tilted by 20 to 45 degrees in several directions; EXIF may say
-    of some that the camera was turned.
+    of some that the camera was turned. A picture with too little of the board is left out.
+
+    Warns:
+        RaytraceWarning: a picture is left out, and why.
 
     Raises:
-        PictureError: too few pictures, of several sizes, or too little of the board in one.
+        PictureError: too few pictures, of several sizes, or too little of the board in too many.
     """
     # Fewer than three do not tell what all have in common from what each has of its own.
     if len(photographs) < 3:
         raise PictureError(f"{len(photographs)} pictures are too few for a calibration: 3 are wanted.")
     size = one_size(photographs)
+    # Markers are found in an instant: all are looked at before the first is worked on.
+    photographs = [one for one, _ in _those_that(photographs, lambda one: find_markers(one, board))]
+
     # The camera may be turned, and its lens, which stays the same on the sensor, is turned with it.
-    lenses = [Turn(size, after=one.orientation).of(uncalibrated()) for one in photographs]
-    found = [find_camera(one, board, lens) for one, lens in zip(photographs, lenses, strict=True)]
-    joint = one_lens(photographs, found, lenses[0])
+    def lens_of(one: Photograph) -> LensPrior:
+        return Turn(size, after=one.orientation).of(uncalibrated())
+
+    pairs = _those_that(photographs, lambda one: find_camera(one, board, lens_of(one)))
+    photographs, found = zip(*pairs, strict=True)
+    joint = one_lens(photographs, found, lens_of(photographs[0]))
     back = [Turn(size, before=one.orientation) for one in photographs]
     each = tuple(turn.of(camera.lens) for turn, camera in zip(back, found, strict=True))
-    return Calibrated(back[0].of(joint[0].lens), size, each, tuple(camera.sigma[0] for camera in joint))
+    names, sigma = tuple(one.name for one in photographs), tuple(camera.sigma[0] for camera in joint)
+    return Calibrated(back[0].of(joint[0].lens), size, names, each, sigma)
+
+
+def _those_that(
+    photographs: Sequence[Photograph], show: Callable[[Photograph], Shown]
+) -> list[tuple[Photograph, Shown]]:
+    """The photographs that `show` refuses not, with what it returns.
+
+    Raises PictureError with all reasons where fewer than three are left; else each that is left out is a warning.
+    """
+    shown, reasons = [], list[str]()
+    for one in photographs:
+        try:
+            shown.append((one, show(one)))
+        except PictureError as reason:
+            reasons.append(str(reason))
+    if len(shown) < 3:
+        left = f"{len(shown)} of {len(photographs)} pictures are left for a calibration: 3 are wanted."
+        raise PictureError("\n".join([*dict.fromkeys(reasons), left]))
+    for reason in reasons:
+        warnings.warn(f"{reason} It is left out.", RaytraceWarning, stacklevel=3)
+    return shown
 
 
 def one_size(photographs: Sequence[Photograph]) -> tuple[int, int]:

@@ -389,6 +389,11 @@ def parse_assignment(text: str) -> tuple[str, tuple[float, ...]]:
     name, equals, numbers = (piece.strip() for piece in text.rpartition("="))
     if not equals or not name:
         raise ParameterError(f"{quoted(text)} is no assignment: write name=value, or name=x,y,z for a vector.")
+    if ":" in numbers:
+        raise ParameterError(
+            f"{quoted(text)}: one value is wanted. Many pictures in one process, which compiles once, are made by "
+            "`raytrace-jax batch` from a plan, and an animation by `raytrace-jax sweep --over NAME=START:STOP:COUNT`."
+        )
     try:
         return name, tuple(parse_number(number.strip()) for number in numbers.split(","))
     except ValueError as reason:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 from ..errors import RaytraceWarning, SceneError, SettingsError
 from ..scene import setting_words as words
 from ..scene.setting_words import MAX_PICTURE_SIDE as MAX_SIDE
-from ..util.checked import Checked, Wanted, refuse_other
+from ..util.checked import Checked, Wanted, listed_in_help, refuse_other
 
 if TYPE_CHECKING:
     from ..scene.response import Frame
@@ -72,6 +72,7 @@ PATH_LIMIT = Wanted("a length greater than 0", "LENGTH", above=0)
 LEAST_WEIGHT = Wanted(metavar="SHARE", least=0, below=1)
 
 
+@listed_in_help
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RenderSettings(Checked):
     """Settings as they are asked for; None is what the scene's file says, or else the model's own.
@@ -121,8 +122,8 @@ class RenderSettings(Checked):
     """Render one large pixel for each N x N of the picture: a quick preview. A crop is counted in large pixels."""
     model: words.ModelName | None = None
     """The shading model. It also gives the defaults of what the scene's file leaves out. classic: the assignment's
-    model; additive: that of the report on checkpoints 4 to 6, with shadows; physical: that of real glass. Default: the
-    settings in the scene's file, else classic. For the other options, too, the file's settings come first."""
+    model; additive: that of the report on checkpoints 4 to 6, with shadows; physical: that of real glass. Without it
+    that of the scene's file, else classic. What other options leave open the file says first, too."""
     path_limit: Annotated[float | None, PATH_LIMIT] = None
     """A longer path ends in black, in world units. Without it 100 in the classic model, infinite in the others."""
     least_weight: Annotated[float | None, LEAST_WEIGHT] = None

@@ -1,15 +1,21 @@
 """Dataclasses whose annotations say what each option can be: one check serves Python, command line and plans."""
 
+import ast
 import dataclasses
 import functools
+import inspect
+import itertools
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from ..errors import ParameterError, RaytraceError
 from .text import did_you_mean
+
+T = TypeVar("T")
 
 
 class Wanted(NamedTuple):
@@ -53,6 +59,43 @@ class Checked:
             if is_row(hint) and value is not None:
                 kind = core(get_args(core(hint))[0])
                 object.__setattr__(self, name, tuple(map(kind, value)) if kind in (int, float) else tuple(value))
+
+
+@functools.cache
+def field_texts(options: type) -> dict[str, str]:
+    """The texts below a class' own fields by name, each on one line; to find them Python parses the whole module."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(options))).body
+    assert isinstance(definition, ast.ClassDef)
+    found = {}
+    for entry, below in itertools.pairwise(definition.body):
+        match entry, below:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                found[name] = " ".join(text.split())
+    return found
+
+
+class OptionList:
+    """A class' docstring that lists the options, each with its type and its text, as soon as it is asked for."""
+
+    def __init__(self, words: str):
+        self.words = inspect.cleandoc(words)
+
+    def __get__(self, instance: object, owner: type) -> str:
+        texts = {name: text for base in reversed(owner.__mro__[:-1]) for name, text in field_texts(base).items()}
+        wrap = textwrap.TextWrapper(100, initial_indent=" " * 4, subsequent_indent=" " * 8)
+        rows = (
+            wrap.fill(f"{name}: {in_words(hint)}{', or None' * suits(None, hint)}. {texts.get(name, '')}")
+            for name, hint in hints(owner).items()
+        )
+        words, raises, errors = self.words.partition("Raises:\n")
+        return "\n".join([words, "Args:", *rows, "", raises + errors]).rstrip()
+
+
+def listed_in_help(options: type[T]) -> type[T]:
+    """Let `help` of a dataclass of options say its types in words, once; use it as a decorator."""
+    options.__doc__ = OptionList(options.__doc__ or "")  # pyright: ignore[reportAttributeAccessIssue]
+    options.__init__.__annotations__ = {}
+    return options
 
 
 def refuse_other(given: object, wanted: type, maker: str = "") -> None:

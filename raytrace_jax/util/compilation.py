@@ -14,6 +14,7 @@ import os
 import pickle
 import sys
 import threading
+import time
 import weakref
 from collections.abc import Callable, Hashable
 from importlib.metadata import version
@@ -133,11 +134,13 @@ class Jitted:
         # Of several threads one compiles.
         with self.lock:
             if key not in self.programs:
+                began = time.perf_counter()
                 COMPILED_NOW.add(key)
                 try:
                     self.programs[key] = self._load_or_compile(static, leaves, structure, key)
                 finally:
                     COMPILED_NOW.discard(key)
+                    SECONDS_COMPILING.append(time.perf_counter() - began)
             return self.programs[key]
 
     def _load_or_compile(self, static: dict[str, Any], arrays: list[Any], arrays_tree: Any, key: Hashable) -> Program:
@@ -188,6 +191,10 @@ ALL_JITTED: weakref.WeakSet[Jitted] = weakref.WeakSet()
 
 
 COMPILED_NOW: set[Hashable] = set()
+
+
+SECONDS_COMPILING: list[float] = []
+"""How long each program of this process took to trace and compile, or to read from its file."""
 
 
 def is_compiling() -> bool:

@@ -125,6 +125,8 @@ def test_a_failed_job_is_tried_again(batch, tmp_path, replace):
     assert "target.png: is of an unknown format" in rows[1]["message"] and rows[1]["message"] in shown
     assert "warning: 1 of 2 jobs failed" in shown
     again = batch(plan)
+    for row in (*rows, *again[1]):
+        del row["seconds"]
     assert again[:2] == (code, rows) and "1 of them done already" in again[3]
 
     def fail(job, folder):
@@ -168,16 +170,46 @@ def test_a_stopped_fit_begins_anew(batch, tmp_path, replace):
     assert errors == [found.standard_error[0], found.total_error[0]] and errors[0] < errors[1]
 
 
-def test_the_time_that_is_left_is_told():
-    jobs = [SimpleNamespace(kind="render", name="render")] * 21
+def test_the_time_that_is_left_is_told_by_kind_without_what_was_compiled():
+    kinds = ["render"] * 21 + ["fit"] * 2
+    jobs = [SimpleNamespace(kind=kind, name=kind, scene_name="a.txt") for kind in kinds]
     console = Console(file=io.StringIO(), soft_wrap=True)
     show = BatchProgress(jobs, 0, console)
-    show.began -= 62
-    for _ in range(3):
-        show.shown_at = -10
-        show.done(jobs[0], JobRecord("done"))
+
+    def ended(job, seconds, compiling=0.0):
+        show.began -= seconds
+        show.shown_at = -100
+        show.done(job, JobRecord("done", seconds=seconds, compiling=compiling))
+
+    ended(jobs[0], 70, 60)
+    ended(jobs[1], 10)
+    ended(jobs[21], 1200, 600)
+    for job in [*jobs[2:21], jobs[22]]:
+        ended(job, 10)
     said = console.file.getvalue().splitlines()
-    assert said == ["1/21 jobs, about 21 min left", "2/21 jobs, about 10 min left", "3/21 jobs, about 6 min left"]
+    assert said[:2] == [
+        "1/23 jobs, about 3 min left, 2 fits not timed yet",
+        "2/23 jobs, about 3 min left, 2 fits not timed yet",
+    ]
+    assert said[2] == "3/23 jobs, about 13 min left"  # 19 pictures of 10 s, and a fit of 600.
+    assert said[-1] == "23/23 jobs"
+
+
+def test_a_second_scene_is_compiled_too():
+    jobs = [SimpleNamespace(kind="render", name="render", scene_name=scene) for scene in "aaab"]
+    show = BatchProgress(jobs, 0, Console(file=io.StringIO(), soft_wrap=True))
+    show.began -= 70
+    show.shown_at = -100
+    show.done(jobs[0], JobRecord("done", seconds=70, compiling=60))
+    assert show.console.file.getvalue() == "1/4 jobs, about 2 min left\n"
+
+
+def test_a_batch_says_nothing_but_its_counts(monkeypatch):
+    monkeypatch.setattr("raytrace_jax.cli.progress.SILENCE", 0.0)
+    console = Console(file=io.StringIO(), soft_wrap=True)
+    with BatchProgress([SimpleNamespace(kind="fit", name="fit", scene_name="a")], 0, console) as show:
+        show.over.wait(1.5)
+    assert console.file.getvalue().splitlines() == ["1 jobs", "0/1 jobs in 2 s, ready"]
 
 
 def test_json_tells_files_and_rows(batch, tmp_path):

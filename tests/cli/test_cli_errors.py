@@ -181,3 +181,9 @@ def test_a_late_failure_is_one_message(error, code, words, tmp_path, monkeypatch
     monkeypatch.setenv("RAYTRACE_JAX_TRACEBACK", "1")
     run("render", VITREOUS, "-o", tmp_path / "a.exr", *SMALL)
     assert ("Traceback" in capsys.readouterr().err) == isinstance(error, Exception)
+
+
+def test_a_range_in_place_of_a_value_names_the_commands_for_many(tmp_path, capsys):
+    assert run("render", "vitreous", "-o", str(tmp_path / "x.exr"), "-D", "vitreous.ior=1.3:1.7:9") == 2
+    message = capsys.readouterr().err
+    assert "raytrace-jax batch" in message and "raytrace-jax sweep --over" in message and "in one process" in message

@@ -14,7 +14,9 @@ from raytrace_jax.cli import options as shared
 from raytrace_jax.cli.dispatch import COMMANDS
 from raytrace_jax.cli.options import fits, scenes
 
-OF_TOOLS = r"pyright|type:|noqa|ruff|TODO|options options|\braytrace_jax\b|`[A-Z]\w*`|\[/?bold\]|\(default: (None)?\)"
+OF_TOOLS = (
+    r"pyright|type:|noqa|ruff|TODO|options options|\braytrace_jax\b|`[A-Z]\w*`|\[/?bold\]|\(default: (None|'')?\)"
+)
 """What is written for tools and developers: their marks, module paths, classes, what tyro says of no default."""
 OF_TYPES = {"STR", "PATH", "INT", "FLOAT", "BOOL", "VALUE", "NAME=VALUE", "None"}
 """What tyro calls values by their types, and what says no more."""

@@ -1,6 +1,9 @@
 """What a fit can be told: one set of options for Python, the command line and batches, and names under any spelling."""
 
+import dataclasses
 import inspect
+import pydoc
+import re
 
 import numpy as np
 import pytest
@@ -91,3 +94,18 @@ def test_a_parameter_has_several_names():
     assert (found.priors, found.profiled) == ({"cyan.ior": (1.4, 0.1)}, (1,))
     assert found.problem.unknowns.ties == (("red.ior", "cyan.ior"),)
     np.testing.assert_array_equal(found.problem.prior.precision, [0, 10])
+
+
+@pytest.mark.parametrize("options", [RenderSettings, FitOptions])
+def test_help_of_options_lists_each_once_in_words(options):
+    text = pydoc.plain(pydoc.render_doc(options)).split("Data and other attributes")[0]  # There pydoc cuts its lines.
+    assert not re.search(r"Annotated|Wanted", text)
+    listed = inspect.getdoc(options).partition("Args:\n")[2].partition("\nRaises:")[0]
+    entries = re.findall(r"^    (\w+): (.+?)\. ([A-Za-z].*?\.)$", re.sub(r"\n {8}", " ", listed), re.MULTILINE)
+    assert [name for name, _, _ in entries] == [field.name for field in dataclasses.fields(options)]
+    assert all(kind and words for _, kind, words in entries)
+
+
+def test_help_says_types_and_limits_in_words():
+    assert "samples: a whole number from 1 to 64, or None. Samples per pixel" in RenderSettings.__doc__
+    assert "loss: one of auto, l2, cauchy. How much large residuals count." in FitOptions.__doc__

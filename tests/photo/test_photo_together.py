@@ -14,6 +14,7 @@ from raytrace_jax import PictureError, write_png
 from raytrace_jax.cli import main
 from raytrace_jax.errors import RaytraceWarning
 from raytrace_jax.images.exif import upright
+from raytrace_jax.photo import find_camera
 from raytrace_jax.photo.bundle import PhotoView, adjust, known_before
 from raytrace_jax.photo.find_camera import FoundCamera, calibrate
 from raytrace_jax.photo.geometry import LENS as AT_LENS
@@ -179,6 +180,7 @@ def found_cameras(monkeypatch, lens_of):
         return FoundCamera(setup, covariance, (0.03, 0.0), corners, Corners.none(), view, 0.5)
 
     monkeypatch.setattr("raytrace_jax.photo.find_camera.find_camera", find)
+    monkeypatch.setattr("raytrace_jax.photo.find_camera.find_markers", lambda *_: None)
 
 
 LENS = LensPrior(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
@@ -296,3 +298,31 @@ def test_a_folder_is_one_command(wide_board, tmp_path, monkeypatch, capsys):
     assert told["contradicted"] == []
     whole = np.linalg.norm(list(told["budget"]["parts"].values()))
     assert whole == pytest.approx(told["parameters"]["index"]["error"], rel=1e-6)
+
+
+def test_a_picture_without_a_board_is_left_out_of_a_calibration(board, monkeypatch):
+    found_cameras(monkeypatch, lambda _: LENS)
+    worked_on, work = [], find_camera.find_camera
+
+    def look(photograph, _):
+        assert not worked_on  # All are looked at before the first is worked on.
+        if photograph.name in refused:
+            raise PictureError(f"{photograph.name}: 0 markers are seen.")
+
+    def recorded(photograph, *more):
+        worked_on.append(photograph.name)
+        return work(photograph, *more)
+
+    monkeypatch.setattr("raytrace_jax.photo.find_camera.find_markers", look)
+    monkeypatch.setattr("raytrace_jax.photo.find_camera.find_camera", recorded)
+    pictures = [photograph_of(np.ones((3, HEIGHT, WIDTH)), name) for name in "abcde"]
+    refused = "b"
+    with pytest.warns(RaytraceWarning, match=r"b: 0 markers are seen\. It is left out\."):
+        found = calibrate(pictures, board)
+    assert found.names == ("a", "c", "d", "e") and len(found.each) == 4
+    np.testing.assert_allclose([one.mean for one in found.each], [LENS.mean] * 4, rtol=1e-9)
+    worked_on.clear()
+    refused = "bce"
+    with pytest.raises(PictureError, match=r"b: 0 markers(.|\n)*e: 0 markers(.|\n)*2 of 5 pictures are left"):
+        calibrate(pictures, board)
+    assert not worked_on

@@ -3,11 +3,13 @@
 import importlib.util
 import sys
 import time
+from collections import Counter, defaultdict
 from collections.abc import Sequence
+from statistics import mean
 from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from ...batch.jobs import Job, expand, labelled
 from ...batch.plan import read_plan
@@ -20,7 +22,9 @@ from ...util.text import install
 from ..console import UsageError, print_warning, stderr_console
 from ..options.fits import Batch
 from ..preparation import check_folder
-from ..progress import SECONDS_BETWEEN, Shown
+from ..progress import Shown
+
+SECONDS_BETWEEN = 30.0  # Where there is no terminal, the least time between two lines.
 
 
 def run_batch(command: Batch) -> int:
@@ -69,15 +73,19 @@ def run_batch(command: Batch) -> int:
 class BatchProgress(Shown):
     """Shows how many jobs are done, which failed, and how long the others will take: use it as a context.
 
+    Each kind of job has its own time, and compiling counts once for each kind and scene.
+
     Beside those to do `already` others were done before.
     """
 
     def __init__(self, todo: Sequence[Job], already: int, console: Console):
-        bar = Progress(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=console)
+        bar = Progress(BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), console=console)
         self.total, self.already = already + len(todo), already
         self.task = bar.add_task("", total=self.total, completed=already)
-        super().__init__(console, bar, "the jobs go on")
+        super().__init__(console, bar, "")
         self.ended, self.failed, self.shown_at = already, 0, self.began
+        self.waiting = Counter((job.kind, job.scene_name) for job in todo)
+        self.records = defaultdict[tuple[str, str], list[JobRecord]](list)
 
     def __enter__(self) -> Self:
         done = f", {self.already} of them done already" if self.already else ""
@@ -96,13 +104,31 @@ class BatchProgress(Shown):
         if record.status == "failed":
             self.failed += 1
             self.console.print(f"{job.kind} {job.name} failed: {record.message}")
+        self.waiting[job.kind, job.scene_name] -= 1
+        self.records[job.kind, job.scene_name].append(record)
         now = time.monotonic()
         if self.display:
-            self.display.update(self.task, advance=1)
+            self.display.update(self.task, advance=1, description=self._left(now))
         elif now - self.shown_at > SECONDS_BETWEEN:
             self.shown_at = now
-            left = (now - self.began) / (self.ended - self.already) * (self.total - self.ended)
-            self.console.print(f"{self._counts()}, about {duration(left)} left")
+            self.console.print(", ".join(filter(None, (self._counts(), self._left(now)))))
+
+    def _left(self, now: float) -> str:
+        """How long the jobs of the kinds that have been met will take, and how many others there are."""
+        kinds, left, unknown = dict.fromkeys(kind for kind, _ in self.waiting), 0.0, list[str]()
+        for kind in kinds:
+            ended = [record for (of, _), records in self.records.items() if of == kind for record in records]
+            waiting = {scene: count for (of, scene), count in self.waiting.items() if of == kind and count}
+            if ended:
+                left += sum(waiting.values()) * mean(record.seconds - record.compiling for record in ended)
+                new = sum((kind, scene) not in self.records for scene in waiting)
+                left += new * max(record.compiling for record in ended)
+            elif waiting:
+                unknown.append(f"{sum(waiting.values())} {kind}s not timed yet")
+        # Workers run several at once.
+        spent = sum(record.seconds for records in self.records.values() for record in records)
+        known = f"about {duration(left * (now - self.began) / spent)} left" if spent and left else ""
+        return ", ".join(filter(None, (known, *unknown)))
 
     def _counts(self) -> str:
         return f"{self.ended}/{self.total} jobs" + (f", {self.failed} failed" if self.failed else "")

@@ -54,14 +54,14 @@ def run_calibrate(command: Calibrate) -> int:
         photographs = turned_alike(taken, board)
         found = calibrate(photographs, board)
         timer.took("calibrating")
-    comment = f"A lens by raytrace-jax calibrate, from {len(photographs)} pictures of {command.board.name}."
+    comment = f"A lens by raytrace-jax calibrate, from {len(found.names)} pictures of {command.board.name}."
     write_lens(command.output, found.lens, found.size, comment)
     estimates = [with_error(*one) for one in zip(found.lens.mean, found.lens.errors, strict=True)]
     words = ("angle of view", "k1", "k2", "principal point, right of the middle", "below the middle")
     print_table("lens", ("number", "estimate"), list(zip(words, estimates, strict=True)))
     each = [
-        (path.name, with_error(lens.mean[0], lens.errors[0]), f"{sigma:.3f}")
-        for path, lens, sigma in zip(command.photos, found.each, found.sigma, strict=True)
+        (Path(name).name, with_error(lens.mean[0], lens.errors[0]), f"{sigma:.3f}")
+        for name, lens, sigma in zip(found.names, found.each, found.sigma, strict=True)
     ]
     print_table("each picture alone", ("picture", "angle of view", "scatter [px]"), each)
     print(command.output)

@@ -6,17 +6,15 @@ the table of what it chooses from.
 
 import contextlib
 import dataclasses
-import functools
 import itertools
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 
-import docstring_parser
 from tyro.conf import Positional, Suppress, UseAppendAction, arg
 
 from ...tracer.settings import AovName, Precision, RenderSettings
-from ...util.checked import Checked, wanted
+from ...util.checked import Checked, field_texts, wanted
 from ..console import UsageError, blamed_on
 
 T = TypeVar("T")
@@ -54,21 +52,14 @@ def split_assignment(option: str, text: str, form: str, read: Callable[[str], T]
     raise UsageError(f"--{option} {text}: write {form}.")
 
 
-@functools.cache
-def field_texts(options: type) -> dict[str, str]:
-    """The texts below a class' own fields by name, each on one line; to find them Python parses the whole module."""
-    rows = docstring_parser.parse_from_object(options).params
-    return {row.arg_name: " ".join((row.description or "").split()) for row in rows}
-
-
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 class CommandOptions(Checked):
     """The base of all options: each class of them becomes a frozen dataclass with help as tyro takes it.
 
-    Texts run on from line to line: tyro breaks its help where an indented line begins. A default of None is not told:
-    the texts say what holds without the option. What has no default is told to be required, rows too, which tyro would
-    take as empty. The command line does not offer `hidden` fields. Rows of an option that came repeatedly are joined,
-    and refusals name an option as the command line does.
+    Texts run on from line to line: tyro breaks its help where an indented line begins. A default of None or of an empty
+    text is not told: the texts say what holds without the option. What has no default is told to be required, rows too,
+    which tyro would take as empty. The command line does not offer `hidden` fields. Rows of an option that came
+    repeatedly are joined, and refusals name an option as the command line does.
     """
 
     def __init_subclass__(cls, hidden: Collection[str] = ()) -> None:
@@ -82,7 +73,7 @@ class CommandOptions(Checked):
             elif field.name in texts:
                 behaviours = [getattr(mark, "help_behavior_hint", None) for mark in getattr(hint, "__metadata__", ())]
                 required = "(required, repeatable)" if REPEATABLE in behaviours else "(required)"
-                default = {None: "", dataclasses.MISSING: required}.get(field.default)
+                default = {None: "", "": "", dataclasses.MISSING: required}.get(field.default)
                 shown = arg(metavar=wanted(hint).metavar, help=texts[field.name], help_behavior_hint=default)
                 cls.__annotations__[field.name] = Annotated[hint, shown]
 
@@ -103,7 +94,7 @@ class PictureOptions(CommandOptions, RenderSettings, hidden=("rays_per_pixel", "
 
 
 class RenderOptions(PictureOptions, hidden=("edges", "binning", "aov", "rays_per_pixel", "throw")):
-    """How a picture is made: what all commands share that make one."""
+    """How a picture is made, the same for all commands that make one."""
 
 
 class SceneOptions(CommandOptions):

@@ -8,14 +8,14 @@ from tyro.conf import Positional, arg
 
 from ...images import Clipped, Transfer
 from ...inverse.options import FitOptions
-from ...util.checked import Wanted
+from ...util.checked import Wanted, field_texts
 from ...util.text import PaperName, parse_number, value_and_deviation
 from .. import options as shared
 from ..console import UsageError
 
 T = TypeVar("T")
 
-FIT_TEXTS = shared.field_texts(FitOptions)
+FIT_TEXTS = field_texts(FitOptions)
 """The help of options that the command line takes as texts, by the names of what is made of these."""
 
 
@@ -56,8 +56,8 @@ class Fit(shared.PictureCommand):
     estimates.csv, estimates.tex and methods.txt. A residual of n/255 is a difference of n in linear light, of which
     white is 255; rms is the root of its mean square, typical comes from its median. A level is one picture of a series
     from blurred to sharp. The last line says how it ended: converged, model_incomplete, ambiguous, degenerate,
-    not_converged or interrupted; the exit code is 3 for all but the first. It also names the assumption that the
-    estimate depends on most.
+    not_converged or interrupted; the exit code is 3 for all but the first. That line also names the assumption on
+    which the estimate depends most.
     Ctrl-C stops the fit and still writes the values reached so far.
 
     Example: raytrace-jax fit guess.txt photo.exr --free glass.ior glass.center -o result
@@ -110,9 +110,9 @@ class Batch(shared.CommandOptions):
     """Run the many renders, derivatives and fits of a plan, and gather them in a table.
 
     PLAN.toml names scenes, grids and lists of parameters, noise and seeds (docs/batch.md describes it). DIR gets a
-    folder of files for each kind of job, results.csv and index.html, which shows all jobs and their pictures. After
-    Ctrl-C, a kill or a failure the same command goes on: finished jobs are not run again. The exit code is 1 if a job
-    failed; the table says which one and why.
+    folder of files for each kind of job, results.csv and index.html, a page with all jobs, their pictures, and plots of
+    what each axis of the plan does. After Ctrl-C, a kill or a failure the same command goes on: finished jobs are not
+    run again. The exit code is 1 if a job failed; the table says which one and why.
 
     Example: raytrace-jax batch plan.toml -o results --workers 2
     """
@@ -166,7 +166,7 @@ class PhotoOptions(shared.CommandOptions):
     """The board that they show, as `raytrace-jax board` writes it."""
     transfer: Transfer | None = None
     """How the photographs' numbers were made, course (linear) or srgb. Without it what each file says; where it says
-    nothing, 8 bits are srgb and more are course, which is told."""
+    nothing, 8 bits are srgb and more are course, and a warning says so."""
     quiet: shared.Quiet = False
 
 
@@ -174,9 +174,9 @@ class Calibrate(PhotoOptions):
     """Find the lens of a camera from several pictures of a board without a ball, and write it for `photo`.
 
     Take three pictures or more with the zoom, focus and size of the photograph, each tilted by 20 to 45 degrees to
-    another side, the board large in them. The camera may be turned, if EXIF says so: the lens is as the sensor has it.
-    The angle of view, k1, k2 and the principal point are printed: 39.61(12) is 39.61 with a standard deviation of 0.12.
-    It needs OpenCV, of the extra `photo`.
+    another side, the board large in them; those with too little of the board are left out. The camera may be turned, if
+    EXIF says so: the lens is as the sensor has it. The angle of view, k1, k2 and the principal point are printed:
+    39.61(12) is 39.61 with a standard deviation of 0.12. It needs OpenCV, of the extra `photo`.
 
     Example: raytrace-jax calibrate tilted*.jpg --board board.txt -o camera.txt
     """
