@@ -26,10 +26,11 @@ def format_number(value: np.floating) -> str:
 def with_error(value: float, error: float, long: bool = False) -> str:
     """Write an estimate with its error, the one way that it is done everywhere.
 
-    The short form is `1.33701(23)`: the parentheses hold the error to two digits, in units of the value's last ones.
-    An error from 1 to 9.9 keeps its point, `4.2(2.7)`; a power of ten follows, as `1.2345(12)e-7`. An error of up to
-    five digits that is no smaller than its value is written out, `0(100)`. The long form is `1.33701 +- 0.00023`, and both are `1.5 +- 3e-18` where an error is beyond a float64's digits. An error of infinity
-    is not determined, NaN is unknown.
+    The short form is `1.33701(23)`: the parentheses hold the error to two digits, in units of the value's last
+    ones. An error from 1 to 9.9 keeps its point, `4.2(2.7)`; a power of ten follows, as `1.2345(12)e-7`. An error
+    of up to five digits that is no smaller than its value is written out, `0(100)`. The long form is `1.33701 +-
+    0.00023`, and both are `1.5 +- 3e-18` where an error is beyond a float64's digits. An error of infinity is not
+    determined, NaN is unknown.
     """
     if not math.isfinite(value) or not math.isfinite(error):
         return f"{value:.8g}, {'not determined' if error == math.inf else 'error unknown'}"

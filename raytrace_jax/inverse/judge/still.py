@@ -14,7 +14,7 @@ from ..problem.problem import Problem
 
 REFUSED, DOUBTED = 0.3, 0.8
 """Correlations below which a target is refused, and its fit warns. Of a board in squares of .6, 160 x 120, an angle of
-view of 33 for 32 degrees leaves .78, 34 .48, 35 .26 and 40 nothing; a right scene has .92 or more, under uneven light
+view of 33 for 32 degrees leaves .75, 34 .43, 35 .21 and 40 nothing; a right scene has .92 or more, under uneven light
 too. Whatever the free numbers are, a fit with .3 leaves more than the fifth of the contrast that is near a target."""
 
 
