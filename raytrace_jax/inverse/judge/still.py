@@ -14,7 +14,7 @@ from ..problem.problem import Problem
 
 REFUSED, DOUBTED = 0.3, 0.8
 """Correlations below which a target is refused, and its fit warns. Of a board in squares of .6, 160 x 120, an angle of
-view of 33 for 32 degrees leaves .75, 34 .43, 35 .21 and 40 nothing; a right scene has .92 or more, under uneven light
+view of 33 for 32 degrees leaves .75, 34 .43, 35 .21 and 40 nothing; a right scene has .9 or more, under uneven light
 too. Whatever the free numbers are, a fit with .3 leaves more than the fifth of the contrast that is near a target."""
 
 
@@ -29,7 +29,8 @@ def still_correlation(problem: Problem, edges: EdgeMode, binning: int) -> float 
     radiance, observation = problem.radiance(problem.start(), edges, binning), problem.binned(binning)
     # A flat square has no derivative, though its edges move; and a ball begins a part of its radius away.
     moving = np.any(np.asarray(radiance.jacobian) != 0, axis=(0, 1))
-    still = observation.counts & ~ndimage.binary_dilation(moving, iterations=max(1, len(moving) // 8))
+    near = np.asarray(ndimage.binary_dilation(moving, iterations=max(1, len(moving) // 8)), bool)
+    still = observation.counts & ~near
     if np.mean(still) < 0.1:
         return None
     image, target = (centred(np.asarray(picture), still) for picture in (radiance.image, observation.target))
