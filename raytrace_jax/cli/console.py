@@ -30,9 +30,17 @@ def blamed_on(options: str = "") -> AbstractContextManager[None]:
     return reworded(by_its_name, (SettingsError, ParameterError))
 
 
+_CONSOLES = {
+    quiet: Console(stderr=True, markup=False, highlight=False, soft_wrap=True, quiet=quiet) for quiet in (False, True)
+}
+
+
 def stderr_console(quiet: bool = False) -> Console:
-    """A console on the stderr of this moment; it takes text as it is, without markup or colouring of its own."""
-    return Console(stderr=True, markup=False, highlight=False, soft_wrap=True, quiet=quiet)
+    """The console on the stderr of this moment; it takes text as it is, without markup or colouring of its own.
+
+    It is the same each time: what it prints lies above what it shows and overwrites.
+    """
+    return _CONSOLES[quiet]
 
 
 def print_error(message: str) -> None:

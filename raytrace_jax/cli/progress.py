@@ -6,7 +6,6 @@ from typing import Any, Self
 
 from rich.console import Console
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
 from ..inverse.result import FitStep
@@ -17,7 +16,7 @@ SILENCE = 8.0  # There, the time without any line after which one says that work
 
 
 class Shown:
-    """A display from entering the context to leaving it, if on a terminal; else lines, one every few seconds.
+    """A display from entering the context to leaving it, on a terminal that can overwrite; else lines now and then.
 
     A quiet console shows nothing. Lines that only say that work goes on have the `words` for it; without words there
     are none.
@@ -25,7 +24,8 @@ class Shown:
 
     def __init__(self, console: Console, display: Any, words: str):
         self.console, self.words = console, words
-        self.display = display if console.is_terminal and not console.quiet else None
+        overwrites = console.is_terminal and not console.is_dumb_terminal
+        self.display = display if overwrites and not console.quiet else None
         self.began = self.said = self.entered = time.monotonic()
         self.over = threading.Event()
 
@@ -66,44 +66,44 @@ class Timer(Shown):
 
 
 class FitProgress(Shown):
-    """Shows the phases and steps of a fit, with its free scalar parameters: use it as a context."""
+    """Shows the phases and steps of a fit, with its free scalar parameters: use it as a context.
 
-    def __init__(self, names: tuple[str, ...], console: Console):
-        super().__init__(console, Live(console=console), "starting")
+    On a terminal it is one line that changes, cut at the terminal's width, unless it is `verbose`.
+    """
+
+    def __init__(self, names: tuple[str, ...], console: Console, verbose: bool = False):
+        super().__init__(console, None if verbose else Live(self, console=console), "starting")
         self.names, self.shown_at, self.stepped_at = names, 0.0, self.began
         self.last: FitStep | None = None
-        if self.display:
-            self.display.update(self._table())
 
     def phase(self, words: str) -> None:
         now = time.monotonic()
         is_new = words.split(",")[0] != self.words.split(",")[0]
         self.words = words
         if self.display:
-            self.display.update(self._table(), refresh=True)
+            self.display.refresh()
         elif is_new or now - self.shown_at > SECONDS_BETWEEN:
             self.shown_at = now
             self.say(f"{now - self.began:.1f} s  {words}")
 
     def step(self, step: FitStep) -> None:
         self.last, self.stepped_at = step, time.monotonic()
-        if self.display:
-            self.display.update(self._table())
-        else:
-            pieces = (f"{what} {text}" for what, text in self._where(step))
-            self.say("  ".join([f"{self.stepped_at - self.began:.1f} s", *pieces]))
+        if not self.display:
+            self.say("  ".join([f"{self.stepped_at - self.began:.1f} s", *_place(step), *self._values(step)]))
 
-    def _table(self) -> Table:
-        table = Table.grid(padding=(0, 2))
-        table.add_row(Text(f"{time.monotonic() - self.began:.1f} s", style="dim"), self.words)
-        if self.last is not None:
-            for what, text in self._where(self.last):
-                table.add_row(Text(what, style="dim"), text)
-        return table
+    def __rich__(self) -> Text:
+        """The line as it is now."""
+        # The values come first, for what is last may be cut.
+        where = [*self._values(self.last), *_place(self.last)] if self.last else []
+        line = Text("  ".join([f"{time.monotonic() - self.began:.1f} s", self.words, *where]), no_wrap=True)
+        # A console that wraps nothing cuts nothing either.
+        line.truncate(self.console.width, overflow="ellipsis")
+        return line
 
-    def _where(self, step: FitStep) -> list[tuple[str, str]]:
-        number = f"{step.step}{'' if step.accepted else ' (rejected)'}"
-        found = {"start": f"{step.candidate + 1}", "blur": f"{step.blur:g} px", "step": number}
-        found["cost"] = f"{step.cost:.6g}"
-        values = [(name, f"{value:.7g}") for name, value in zip(self.names, step.value, strict=True)]
-        return [*found.items(), *values]
+    def _values(self, step: FitStep) -> list[str]:
+        return [f"{name} {value:.7g}" for name, value in zip(self.names, step.value, strict=True)]
+
+
+def _place(step: FitStep) -> list[str]:
+    number = f"{step.step}{'' if step.accepted else ' (rejected)'}"
+    return [f"start {step.candidate + 1}", f"blur {step.blur:g} px", f"step {number}", f"cost {step.cost:.6g}"]

@@ -17,6 +17,7 @@ from ..util.background import Clock, run_beside
 from ..util.checked import refuse_other
 from .build_problem import FitSetup, OfViews, build_problem
 from .judge.model_check import check_model, expected_error
+from .judge.still import compare_still
 from .judge.uncertainty import quantify_uncertainty
 from .judge.views import each_alone
 from .options import FitOptions
@@ -25,7 +26,7 @@ from .progress import Progress
 from .result import FitResult, FitStep
 from .solve.candidates import unseen_balls
 from .solve.refine import find_profile, select_solution
-from .solve.search import choose_levels, find_minima
+from .solve.search import binning_to, choose_levels, find_minima
 from .status import make_result
 
 
@@ -75,7 +76,8 @@ def fit(
     Raises:
         ParameterError: unknown names, none at all, or one twice; a tie, prior or profile of what is not free; options
             that make no sense.
-        PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
+        PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense; what no
+            free number changes is elsewhere in the target.
     """
     refuse_other(options, FitOptions)
     each = settings if isinstance(settings, Mapping) else dict.fromkeys(scene.cameras, settings)
@@ -101,6 +103,8 @@ def find(setup: FitSetup, options: FitOptions, progress: Progress) -> None:
     """Run all phases of a fit; its findings are those of `progress`."""
     # The answer: minima of small pictures, and the best of them on the whole picture.
     problem, findings = setup.problem, progress.findings
+    progress.phase("comparing what nothing free changes")
+    displaced = compare_still(problem, options.edges, binning_to(problem, 5_000))
     levels, stated = choose_levels(problem, options), (setup.uncertain, options.correlations, progress.clock.check)
     minima = find_minima(problem, levels, options, progress)
     findings.minima = tuple(minima)
@@ -136,6 +140,7 @@ def find(setup: FitSetup, options: FitOptions, progress: Progress) -> None:
         findings.profiles = (*findings.profiles, profile)
     progress.phase("checking the model")
     try:
-        findings.check = check_model(solution, uncertainty.standard_error, *stated)
+        check = check_model(solution, uncertainty.standard_error, *stated)
+        findings.check = dataclasses.replace(check, displaced=displaced)
     except np.linalg.LinAlgError as reason:  # LAPACK cannot factorise a matrix: the fit has its answer all the same.
         warnings.warn(f"the model could not be checked: {reason}.", RaytraceWarning, stacklevel=2)

@@ -26,10 +26,11 @@ def format_number(value: np.floating) -> str:
 def with_error(value: float, error: float, long: bool = False) -> str:
     """Write an estimate with its error, the one way that it is done everywhere.
 
-    The short form is `1.33701(23)`: the parentheses hold the error to two digits, in units of the value's last ones.
-    An error from 1 to 9.9 keeps its point, `4.2(2.7)`; a power of ten follows, as `1.2345(12)e-7`. The long form is
-    `1.33701 +- 0.00023`, and both are `1.5 +- 3e-18` where an error is beyond a float64's digits. An error of infinity
-    is not determined, NaN is unknown.
+    The short form is `1.33701(23)`: the parentheses hold the error to two digits, in units of the value's last
+    ones. An error from 1 to 9.9 keeps its point, `4.2(2.7)`; a power of ten follows, as `1.2345(12)e-7`. An error
+    of up to five digits that is no smaller than its value is written out, `0(100)`. The long form is `1.33701 +-
+    0.00023`, and both are `1.5 +- 3e-18` where an error is beyond a float64's digits. An error of infinity is not
+    determined, NaN is unknown.
     """
     if not math.isfinite(value) or not math.isfinite(error):
         return f"{value:.8g}, {'not determined' if error == math.inf else 'error unknown'}"
@@ -41,13 +42,13 @@ def with_error(value: float, error: float, long: bool = False) -> str:
     if first - place >= MOST_DIGITS:
         return f"{value:.{MOST_DIGITS}g} +- {error:.2g}"
     # The last digit must not lie left of the point, nor the first behind four zeros.
-    power = first if first < -4 or place > 0 else 0
+    power = first if first < -4 or (place > 0 and not first == place + 1 < 5) else 0
     rounded, place, behind = rounded.scaleb(-power), place - power, f"e{power}" if power else ""
     # `z` writes no minus sign before zero.
-    text = f"{Decimal(float(value)).scaleb(-power):z.{-place}f}"
+    text = f"{round(Decimal(float(value)).scaleb(-power), -place):z.{max(-place, 0)}f}"
     if long:
         return f"{text}{behind} +- {rounded:f}{behind}"
-    digits = rounded if place < 0 <= rounded.adjusted() else rounded.scaleb(-place)
+    digits = rounded if place > 0 or place < 0 <= rounded.adjusted() else rounded.scaleb(-place)
     return f"{text}({digits:f}){behind}"
 
 

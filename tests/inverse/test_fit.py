@@ -14,6 +14,7 @@ from posing import posed_problem
 from scenes import assignment_scene
 
 from raytrace_jax import FitOptions, RenderSettings, fit, render, set_parameters
+from raytrace_jax.errors import RaytraceWarning
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.problem.detect import detect_sampling
 from raytrace_jax.inverse.problem.unknowns import Transform
@@ -138,8 +139,10 @@ def test_a_budget_keeps_what_there_is(target):
 
 @pytest.mark.slow
 def test_another_picture_is_not_converged(target):
-    result = fit(assignment_scene(), target[:, ::-1], FREE, POINT, options=FitOptions(search=False))
+    with pytest.warns(RaytraceWarning, match="is not in the target where the scene says"):
+        result = fit(assignment_scene(), target[:, ::-1], FREE, POINT, options=FitOptions(search=False))
     assert result.status == "not_converged", result.message
+    assert "look first at the camera's numbers" in result.message
     assert "structure" in result.message
 
 

@@ -182,7 +182,7 @@ def run_fit(command: Fit) -> int:
     target, known = read_target(command, scene, settings, options)
 
     console = stderr_console(command.quiet)
-    with FitProgress(names, console) as show:
+    with FitProgress(names, console, command.verbose) as show:
         result = fit(scene, target, free, settings, options=options, **known, on_step=show.step, on_phase=show.phase)
     made_of = result.provenance | provenance(command.target) | {AFTER: f"{time.monotonic() - show.stepped_at:.3g}"}
     result = dataclasses.replace(result, provenance=made_of)

@@ -186,7 +186,7 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
     """Fit the photograph's light, print what it says beside the corners, and write the report."""
     options = light_options(room)
     settings, weights = RenderSettings(crop=flat.grid.window), flat.counts.astype(float)
-    with FitProgress(scalar_names(room.scene, FREE), console) as show:
+    with FitProgress(scalar_names(room.scene, FREE), console, command.verbose) as show:
         told: dict[str, Any] = {"on_step": show.step, "on_phase": show.phase}
         result = fit(room.scene, flat.image, FREE, settings, options=options, weights=weights, **told)
     text = write_numbers(result, command.output)

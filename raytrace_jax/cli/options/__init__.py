@@ -30,6 +30,7 @@ def repeatable(word: Any, metavar: str, text: str | None = None) -> object:
 
 
 Quiet = Annotated[bool, arg(help="Say nothing on the way; errors and warnings are still shown.")]
+Verbose = Annotated[bool, arg(help="On a terminal too, say each step of the fit on a line of its own.")]
 AsJson = Annotated[bool, arg(help="Print one JSON object on stdout in place of paths and tables.")]
 Names = Annotated[tuple[str, ...], repeatable(str, "NAME ...")]
 

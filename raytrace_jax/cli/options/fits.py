@@ -90,6 +90,7 @@ class Fit(shared.PictureCommand):
     """Write the whole report; without it result.json, fit.txt and result.npz alone, which a script reads."""
     json: bool = False
     """Print one JSON object on stdout, the content of result.json, in place of the table and the last line."""
+    verbose: shared.Verbose = False
     tie: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=FREE", FIT_TEXTS["ties"])] = ()
     prior: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=MEAN+-SD", FIT_TEXTS["priors"])] = ()
     uncertain: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=SD", FIT_TEXTS["uncertain"])] = ()
@@ -236,3 +237,4 @@ class Photo(PhotoOptions):
     """Write estimates as 1.5187 +- 0.0011 in place of 1.5187(11), whose parentheses hold the error in the last digits;
     in the table, on the sheet and in the report of --fit."""
     json: shared.AsJson = False
+    verbose: shared.Verbose = False

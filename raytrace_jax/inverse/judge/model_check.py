@@ -133,6 +133,7 @@ class ModelCheck:
         distant_correlation: standard score of the correlation of distant pixels, see `structure.distant_correlation`.
         is_structured: whether the residual is more than noise: it has a cause, or distant pixels correlate by more than
             single samples at edges make.
+        displaced: words of `still.compare_still` on what is elsewhere than the scene says.
     """
 
     assumptions: tuple[Assumption, ...]
@@ -141,6 +142,7 @@ class ModelCheck:
     structure: Float[np.ndarray, "parameters parameters"]
     distant_correlation: float = 0.0
     is_structured: bool = False
+    displaced: str = ""
 
     @classmethod
     def nothing(cls, count: int) -> "ModelCheck":
@@ -154,9 +156,9 @@ class ModelCheck:
 
     @property
     def looks(self) -> str:
-        """What the residual looks like, as the end of a sentence; empty without a cause."""
+        """What the residual looks like, after what is displaced, as the end of a sentence; empty without a cause."""
         causes = listed(cause.words for cause in self.causes)
-        return f". The residual looks like {causes}" if causes else ""
+        return self.displaced + (f". The residual looks like {causes}" if causes else "")
 
     def dependence(self, parameter: int, name: str, error: float) -> Dependence | None:
         """What an estimate with an error depends on most, of the numbers without a stated uncertainty."""
