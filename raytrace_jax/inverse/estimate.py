@@ -104,7 +104,7 @@ def find(setup: FitSetup, options: FitOptions, progress: Progress) -> None:
     # The answer: minima of small pictures, and the best of them on the whole picture.
     problem, findings = setup.problem, progress.findings
     progress.phase("comparing what nothing free changes")
-    displaced = compare_still(problem, options.edges, binning_to(problem, 5_000))
+    displaced = "".join(compare_still(view, options.edges, binning_to(view, 5_000)) for view in problem.views)
     levels, stated = choose_levels(problem, options), (setup.uncertain, options.correlations, progress.clock.check)
     minima = find_minima(problem, levels, options, progress)
     findings.minima = tuple(minima)
