@@ -4,9 +4,9 @@ import dataclasses
 import hashlib
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -14,9 +14,8 @@ from jaxtyping import Float
 from ...errors import PictureError
 from ...images import Transfer, exif, jpeg, masks, pictures
 from ...images.transfer import DECODERS, ENCODERS, Colours
-from ...inverse.build_problem import as_file_says, asked_for, build_problem
+from ...inverse.build_problem import as_file_says, asked_for, build_problem, of_each_view
 from ...inverse.estimate import fit
-from ...inverse.options import FitOptions
 from ...inverse.problem.sampling import supersampled
 from ...inverse.result import estimate_table, last_word
 from ...inverse.result_file import save_record
@@ -30,31 +29,40 @@ from ...tracer.settings import ResolvedSettings
 from ...util.background import Clock, run_beside
 from ...util.numerics import TINY
 from ..console import TYPED, UsageError, print_table, print_warning, stderr_console
-from ..options.fits import Fit
+from ..options.fits import Fit, TargetFile
 from ..preparation import check_folder, read_picture_scene, warn_of_shared_materials
 from ..progress import FitProgress, Timer
 
 
-def read_target(
-    command: Fit, scene: Scene, settings: ResolvedSettings, options: FitOptions
-) -> tuple[Colours, dict[str, Any]]:
-    """Read the target, with its pixels' `weights` and its `storage` as `fit` takes them; both may be None.
+class Targets(NamedTuple):
+    """The targets by camera, with what `fit` takes beside them; a camera has weights and storage, or None."""
 
-    What of it counts nothing is said on stderr.
-    """
-    path, weights, storage = command.target, None, None
-    if command.mask is not None:
-        weights = seen_part(masks.read_mask(command.mask), scene, settings, "the mask")
-    target = read_colours(command, scene, settings, options, weights)
-    clipped = masks.clipped_pixels(path, target, command.clipped, clamps=settings.model != "physical")
-    if words := clipped.words(path):
-        print_warning(words)
-        weights = clipped.weights if weights is None else weights * clipped.weights
-        if not np.any(weights):
-            raise PictureError(f"{path}: no pixel is left that counts; --clipped keep counts the clipped ones")
-    if pictures.is_jpeg(path) and (storage := jpeg.jpeg_storage(path, command.transfer or "srgb")):
-        storage = storage._replace(window=seen_window(storage.size, scene, settings, "the target"))
-    return target, {"weights": weights, "storage": storage}
+    target: dict[str, Colours]
+    weights: dict[str, Any]
+    storage: dict[str, Any]
+
+
+def read_targets(
+    command: Fit, files: Mapping[str, TargetFile], scene: Scene, settings: Mapping[str, ResolvedSettings]
+) -> Targets:
+    """Read the target of each camera. What of it counts nothing, or was not clear, is said on stderr."""
+    targets, weights, storage = {}, {}, {}
+    for name, file in files.items():
+        view, how = scene.seen_by(name), settings[name]
+        weights[name] = None if file.mask is None else seen_part(masks.read_mask(file.mask), view, how, "the mask")
+        targets[name] = read_colours(file, view, how, file.transfer)
+    targets |= unclear_colours(command, files, scene, settings, targets, weights)
+    for name, file in files.items():
+        path, view, how = file.path, scene.seen_by(name), settings[name]
+        clipped = masks.clipped_pixels(path, targets[name], command.clipped, clamps=how.model != "physical")
+        if words := clipped.words(path):
+            print_warning(words)
+            weights[name] = clipped.weights * (1 if weights[name] is None else weights[name])
+            if not np.any(weights[name]):
+                raise PictureError(f"{path}: no pixel is left that counts; --clipped keep counts the clipped ones")
+        stored = jpeg.jpeg_storage(path, file.transfer or "srgb") if pictures.is_jpeg(path) else None
+        storage[name] = stored and stored._replace(window=seen_window(stored.size, view, how, "the target"))
+    return Targets(targets, weights, storage)
 
 
 def seen_part(
@@ -106,41 +114,52 @@ def with_angle_of_view(scene: Scene, path: Path, assignments: Sequence[str]) -> 
     return set_parameters(scene, {name: told})
 
 
-def read_colours(
+def read_colours(file: TargetFile, scene: Scene, settings: ResolvedSettings, transfer: Transfer | None) -> Colours:
+    """The part of a target that is rendered; where neither file nor user says its transfer, as the course stores it."""
+    if transfer is None and not pictures.states_colours(file.path):
+        transfer = "course"
+    picture = pictures.read_picture(file.path, transfer=transfer, layer=file.layer)
+    return seen_part(picture, scene, settings, "the target")
+
+
+def unclear_colours(
     command: Fit,
+    files: Mapping[str, TargetFile],
     scene: Scene,
-    settings: ResolvedSettings,
-    options: FitOptions,
-    weights: Float[np.ndarray, "height width"] | None,
-) -> Colours:
-    """Read the target's colours, and say on stderr how they were read if neither file nor user says it.
+    settings: Mapping[str, ResolvedSettings],
+    targets: Mapping[str, Colours],
+    weights: Mapping[str, Any],
+) -> dict[str, Colours]:
+    """The targets of which neither file nor user says how they were stored, and say on stderr how they were read.
 
-    They are compared with those of the picture at the start, in the pixels that count.
+    They are compared with the pictures at the start, in the pixels that count.
     """
-
-    def read(transfer: Transfer | None) -> Colours:
-        picture = pictures.read_picture(command.target, transfer=transfer, layer=command.layer)
-        return seen_part(picture, scene, settings, "the target")
-
-    if command.transfer is not None or pictures.states_colours(command.target):
-        return read(command.transfer)
-    target = read("course")
-    problem = build_problem(scene, target, command.free, settings, options, weights).problem
-    # Beside, as a fit is: Ctrl-C need not wait for what is compiled here.
-    image = run_beside(lambda: supersampled(problem, problem.start(), settings.samples), Clock())
-    counts = problem.observation.counts
-    off = stored_differences(image[:, counts], target[:, counts], bool(problem.camera.linear_indices))
-    nearest = min(off, key=lambda transfer: off[transfer])
-    # The course's transfer holds unless another one is clearly nearer.
-    is_clear = off[nearest] < 0.7 * off["course"]
-    taken = nearest if is_clear else "course"
-    others = ", ".join(f"--transfer {name}: {value:.2g}" for name, value in off.items() if name != taken)
-    why = "whose numbers are nearer to the picture at the start" if is_clear else "as no other is clearly nearer"
-    print_warning(
-        f"{command.target} does not say how its colours were stored: read with --transfer {taken}, {why} "
-        f"(off by {off[taken]:.2g}; with {others}); --transfer decides."
-    )
-    return read(taken) if is_clear else target
+    unclear = [name for name, file in files.items() if not (file.transfer or pictures.states_colours(file.path))]
+    if not unclear:
+        return {}
+    problem = build_problem(scene, targets, command.free, settings, command.fit_options(), weights).problem
+    found = {}
+    for view in problem.views:
+        name = view.scene.camera.name
+        if name not in unclear:
+            continue
+        # Beside, as a fit is: Ctrl-C need not wait for what is compiled here.
+        image = run_beside(lambda view=view: supersampled(view, view.start(), view.base.samples), Clock())
+        counts, file = view.observation.counts, files[name]
+        off = stored_differences(image[:, counts], targets[name][:, counts], bool(view.camera.linear_indices))
+        nearest = min(off, key=lambda transfer: off[transfer])
+        # The course's transfer holds unless another one is clearly nearer.
+        is_clear = off[nearest] < 0.7 * off["course"]
+        taken = nearest if is_clear else "course"
+        others = ", ".join(f"--transfer {name}: {value:.2g}" for name, value in off.items() if name != taken)
+        why = "whose numbers are nearer to the picture at the start" if is_clear else "as no other is clearly nearer"
+        print_warning(
+            f"{file.path} does not say how its colours were stored: read with --transfer {taken}, {why} "
+            f"(off by {off[taken]:.2g}; with {others}); --transfer decides."
+        )
+        if is_clear:
+            found[name] = read_colours(file, scene.seen_by(name), settings[name], taken)
+    return found
 
 
 def stored_differences(
@@ -173,18 +192,26 @@ def run_fit(command: Fit) -> int:
     if command.pdf and not command.report:
         raise UsageError("--pdf is a figure of the report, which --no-report leaves out.")
     check_folder(command.output)
-    scene, settings = read_picture_scene(command)
-    scene = with_angle_of_view(scene, command.target, command.assignments)
+    scene, settings = read_picture_scene(command, all_cameras=True)
+    scene = scene if command.camera is None else scene.alone()
+    files = of_each_view(scene, "a picture", command.files(scene.cameras))
+    for name, file in files.items():
+        scene = with_angle_of_view(scene.seen_by(name), file.path, command.assignments).seen_by(scene.camera.name)
     filmed, names, _ = asked_for(scene, free, options)
-    refuse_too_large(scene, settings, len(names))
-    options = as_file_says(options, command.target, scene, free)
+    each_settings = {name: sized(settings, scene.seen_by(name), file) for name, file in files.items()}
+    for name, how in each_settings.items():
+        refuse_too_large(scene.seen_by(name), how, len(names))
+    paths = [file.path for file in files.values()]
+    options = as_file_says(options, paths, scene, free)
     warn_of_shared_materials(filmed, free)
-    target, known = read_target(command, scene, settings, options)
+    known = read_targets(command, files, scene, each_settings)._asdict()
 
     console = stderr_console(command.quiet)
     with FitProgress(names, console, command.verbose) as show:
-        result = fit(scene, target, free, settings, options=options, **known, on_step=show.step, on_phase=show.phase)
-    made_of = result.provenance | provenance(command.target) | {AFTER: f"{time.monotonic() - show.stepped_at:.3g}"}
+        result = fit(
+            scene, free=free, settings=each_settings, options=options, **known, on_step=show.step, on_phase=show.phase
+        )
+    made_of = result.provenance | provenance(paths) | {AFTER: f"{time.monotonic() - show.stepped_at:.3g}"}
     result = dataclasses.replace(result, provenance=made_of)
 
     # Numbers go out before the report, which takes longer and more room on the disk.
@@ -207,12 +234,25 @@ def run_fit(command: Fit) -> int:
     return 0 if result.status == "converged" else NOT_CONVERGED
 
 
-def provenance(target: Path) -> dict[str, str]:
-    """Where a target comes from: its path, size and hash, and the command that was typed."""
-    content = target.read_bytes()
+def sized(settings: ResolvedSettings, scene: Scene, file: TargetFile) -> ResolvedSettings:
+    """The settings of a camera's picture: of several cameras it is as large as its target, if --size says nothing.
+
+    A target of other proportions, or of which a part is rendered, changes nothing.
+    """
+    if not scene.further_views or settings.size or settings.crop:
+        return settings
+    height, width = pictures.read_picture(file.path, transfer="course", layer=file.layer).shape[-2:]
+    size, pixeldim = (width * settings.binning, height * settings.binning), scene.camera.pixeldim
+    same = abs(size[0] * pixeldim[1] - size[1] * pixeldim[0]) < max(pixeldim)
+    return dataclasses.replace(settings, size=size) if same else settings
+
+
+def provenance(targets: Sequence[Path]) -> dict[str, str]:
+    """Where targets come from: their paths, sizes and the hash of all, and the command that was typed."""
+    contents = [target.read_bytes() for target in targets]
     return {
-        "target": str(target),
-        "target_bytes": str(len(content)),
-        "target_sha256": hashlib.sha256(content).hexdigest(),
+        "target": ", ".join(map(str, targets)),
+        "target_bytes": ", ".join(str(len(content)) for content in contents),
+        "target_sha256": hashlib.sha256(b"".join(contents)).hexdigest(),
         "command": shlex.join(["raytrace-jax", *TYPED.get()]),
     }

@@ -101,7 +101,7 @@ def run_photo(command: Photo) -> int:
     code = NOT_CONVERGED if otherwise else 0
     if otherwise:
         print_warning(_in_words(otherwise, len(files) > 1, folder))
-    made = [provenance(path) for path in command.photos]
+    made = [provenance([path]) for path in command.photos]
     numbers = together_to_dict(together) | {"provenance": made if len(made) > 1 else made[0]}
     for file, image, result, flat in zip(files, images, together.photographs, light, strict=True):
         if result.located:

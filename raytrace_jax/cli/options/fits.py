@@ -1,15 +1,15 @@
 """The options of the commands that measure: `fit`, `batch`, `board`, `calibrate` and `photo`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, NamedTuple, TypeVar, get_args
 
 from tyro.conf import Positional, arg
 
 from ...images import Clipped, Transfer
 from ...inverse.options import FitOptions
 from ...util.checked import Wanted, field_texts
-from ...util.text import PaperName, parse_number, value_and_deviation
+from ...util.text import PaperName, did_you_mean, listed, parse_number, value_and_deviation
 from .. import options as shared
 from ..console import UsageError
 
@@ -28,6 +28,44 @@ def by_name(option: str, texts: tuple[str, ...], form: str, read: Callable[[str]
             raise UsageError(f"--{option} {name} is given twice.")
         found[name] = value
     return found
+
+
+def by_camera(what: str, texts: Sequence[str], cameras: Sequence[str], common: bool = True) -> dict[str, str]:
+    """What `CAMERA=VALUE` texts say of a scene's cameras; the camera need not be named where there is one.
+
+    Args:
+        what: the option, or the kind of word, for a refusal.
+        common: a text that names no camera is of all.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        # The name of a file may have an equals sign.
+        if not (equals and name in cameras):
+            if len(cameras) > 1 and not common:
+                guess = did_you_mean(name, cameras) if equals else ""
+                raise UsageError(
+                    f"{what} {text}: it has to say which camera has seen it, as {cameras[0]}={value or text}.{guess} "
+                    f"The scene's cameras are {listed(cameras)}; --camera NAME takes one alone."
+                )
+            name, value = "", text
+        for camera in [name] if name else cameras:
+            if camera in found:
+                raise UsageError(f"{what}: {found[camera]} and {value} are both given for the camera {camera}.")
+            found[camera] = value
+    return found
+
+
+class TargetFile(NamedTuple):
+    """A target, and how it is read."""
+
+    path: Path
+    mask: Path | None
+    transfer: Transfer | None
+    layer: str | None
+
+
+TRANSFERS: dict[str, Transfer] = {name: name for name in get_args(Transfer)}
 
 
 def read_prior(text: str) -> tuple[float, float]:
@@ -51,7 +89,8 @@ class FitArguments(
 class Fit(shared.PictureCommand):
     """Fit parameters of a scene to a picture, and say how sure they are.
 
-    The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html, report.png,
+    The search for starts begins at SCENE with its -D values. A scene of several cameras is fitted to a picture of each,
+    as `fit SCENE left=a.exr right=b.exr`. The folder gets result.json, report.html, report.png,
     the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target; for a paper also
     estimates.csv, estimates.tex and methods.txt. A residual of n/255 is a difference of n in linear light, of which
     white is 255; rms is the root of its mean square, typical comes from its median. A level is one picture of a series
@@ -63,23 +102,23 @@ class Fit(shared.PictureCommand):
     Example: raytrace-jax fit guess.txt photo.exr --free glass.ior glass.center -o result
     """
 
-    target: Annotated[Positional[Path], arg(metavar="TARGET")]
+    target: Annotated[Positional[tuple[str, ...]], arg(metavar="[CAMERA=]TARGET ...")]
     """The picture to explain, OpenEXR, PNG, JPEG, TIFF, PPM or Radiance HDR, of the size that is rendered; with --crop
-    also the whole picture."""
+    also the whole picture. Of several cameras one each, as left=a.exr right=b.exr."""
     free: shared.Names
     """The parameters to find, as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: shared.OutputFolder
-    mask: Annotated[Path | None, arg(metavar="FILE")] = None
+    mask: Annotated[tuple[str, ...], shared.repeatable(str, "[CAMERA=]FILE")] = ()
     """Weights of the target's pixels, a picture of the same formats: 0 leaves a pixel out, 1 counts in full. A painted
     one counts where it is bright and opaque."""
     clipped: Clipped = "auto"
     """What becomes of pixels with a channel at 0 or the largest number that the target's file can store. drop: no
     weight; keep: they count; auto: drop those of a JPEG or TIFF, and physical light too bright for a PNG.
     """
-    transfer: Transfer | None = None
+    transfer: Annotated[tuple[str, ...], shared.repeatable(str, "[CAMERA=]{course,srgb}")] = ()
     """How the colours of a PNG target were stored. course: floor(255 * C), no gamma; srgb: as screens expect. Without
     it what the file says; if it says nothing, whichever is clearly nearer to the picture at the start."""
-    layer: Annotated[str | None, arg(metavar="NAME")] = None
+    layer: Annotated[tuple[str, ...], shared.repeatable(str, "[CAMERA=]NAME")] = ()
     """Which layer of an OpenEXR target, when it is not obvious."""
     long: bool = False
     """Write estimates as 1.337 +- 0.002 in place of 1.337(2), whose parentheses hold the error in the last digits; in
@@ -96,6 +135,27 @@ class Fit(shared.PictureCommand):
     uncertain: Annotated[tuple[str, ...], shared.repeatable(str, "NAME=SD", FIT_TEXTS["uncertain"])] = ()
     profile: Annotated[tuple[str, ...], shared.repeatable(str, "NAME ...", FIT_TEXTS["profiles"])] = ()
     fit: FitArguments = FitArguments()
+
+    def files(self, cameras: Sequence[str]) -> dict[str, TargetFile]:
+        """The targets by the scene's cameras.
+
+        Raises:
+            UsageError: two of one camera, one of which it is unclear what has seen it, or an unknown transfer.
+        """
+        targets = by_camera("the target", self.target, cameras, common=False)
+        options = ((name, getattr(self, name)) for name in ("mask", "transfer", "layer"))
+        masks, transfers, layers = (by_camera(f"--{name}", texts, cameras) for name, texts in options)
+        if unknown := [text for text in transfers.values() if text not in TRANSFERS]:
+            raise UsageError(f"--transfer {unknown[0]}: {' or '.join(TRANSFERS)} is wanted.")
+        return {
+            name: TargetFile(
+                Path(path),
+                Path(masks[name]) if name in masks else None,
+                TRANSFERS[transfers[name]] if name in transfers else None,
+                layers.get(name),
+            )
+            for name, path in targets.items()
+        }
 
     def fit_options(self) -> FitOptions:
         """All options of the fit. Raises UsageError where a text is not written as its option wants it."""
