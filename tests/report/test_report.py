@@ -101,7 +101,7 @@ def test_json_holds_all_but_the_pictures(tmp_path):
     pictures = {"target", "start_image", "image", "weights"}
     regrouped = {"names", "value", "resolution", "initial", "standard_error", "cramer_rao", "units", "assumptions"}
     regrouped |= {"covariance", "undetermined", "stated", "structure", "uncertainty", "check", "steps"}
-    regrouped |= {"distant_correlation", "is_structured"}
+    regrouped |= {"distant_correlation", "is_structured", "displaced"}
     added = {"history", "parameters", "versions", "sensitivity", "uncertain", "rests_on", "depends_on", "correlation"}
     added |= {"dispersions"}
     assert set(summary) == fields - pictures - regrouped | added
