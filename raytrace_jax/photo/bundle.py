@@ -141,6 +141,7 @@ class Adjusted(NamedTuple):
         covariance: of all these.
         known: what was known of all these before.
         cost: half the sum of the squares, in standard deviations.
+        chains: the derivative of each view's numbers by all.
     """
 
     views: tuple[AdjustedView, ...]
@@ -148,6 +149,7 @@ class Adjusted(NamedTuple):
     covariance: Float[np.ndarray, "joint joint"]
     known: Prior
     cost: float
+    chains: tuple[Float[np.ndarray, "numbers joint"], ...]
 
 
 def adjust(views: Sequence[PhotoView], known: Prior) -> Adjusted:
@@ -197,12 +199,14 @@ def adjust(views: Sequence[PhotoView], known: Prior) -> Adjusted:
     covariance[np.ix_(system.free, system.free)] = root @ root.T
     sigma = [float(f * np.median(s)) if len(s) else 0.0 for f, s in zip(factors, believed, strict=True)]
     corners, found = [group.where(u) for group, u in zip(system.groups, used, strict=True)], []
-    for k in range(len(views)):
-        (numbers, chain), own = system.view(joint, k), slice(2 * k, 2 * k + 2)
+    of_views = [system.view(joint, k) for k in range(len(views))]
+    for k, (numbers, chain) in enumerate(of_views):
+        own = slice(2 * k, 2 * k + 2)
         spread, (beside, behind) = chain @ covariance @ chain.T, sigma[own]
         setup = views[k].setup.at(numbers)
         found.append(AdjustedView(setup, spread, (beside, behind), *corners[own], shared=shared[k]))
-    return Adjusted(tuple(found), joint, covariance, system.known, float(np.sum(system.residual(x) ** 2)) / 2)
+    cost, chains = float(np.sum(system.residual(x) ** 2)) / 2, tuple(chain for _, chain in of_views)
+    return Adjusted(tuple(found), joint, covariance, system.known, cost, chains)
 
 
 def _shared(factors: Sequence[float], groups: Sequence[np.ndarray]) -> tuple[float, float]:

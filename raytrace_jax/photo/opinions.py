@@ -11,7 +11,7 @@ from ..inverse.result import FitResult
 from .bundle import Adjusted
 from .geometry import LENS, Setup
 from .locate import Located, PhotoResult, Together
-from .room_scene import GLASS, UNCERTAIN, RoomScene
+from .room_scene import RoomScene
 
 AGREE = 3.0
 """The largest difference of corners and light, in its errors, at which they still agree."""
@@ -100,7 +100,7 @@ class Combined(NamedTuple):
     share: float
 
 
-def combine(located: Located, room: RoomScene, result: FitResult) -> Combined:
+def combine(room: RoomScene, result: FitResult) -> Combined:
     """Corners and light as one estimate: the update of the corners' numbers by those of a fit that rests on them.
 
     The corners tell index and centre `a`, and the numbers `s` of camera and radius, with their covariance C. The fit
@@ -110,20 +110,19 @@ def combine(located: Located, room: RoomScene, result: FitResult) -> Combined:
     but for what pixels tell of the camera beyond index and centre. Where these differ by more than chance makes likely,
     N is as much larger.
     """
-    rows = [result.names.index(name) for name in GLASS]
+    count, rows = len(room.glass), [result.names.index(name) for name in room.glass]
     by_name = {one.name: one.sensitivity[rows] for one in result.check.assumptions}
-    moved = np.stack([by_name.get(name, np.zeros(len(GLASS))) for name in UNCERTAIN], axis=1)
-    observe = np.concatenate([np.eye(len(GLASS)), -moved], axis=1)
+    moved = np.stack([by_name.get(name, np.zeros(count)) for name in room.held], axis=1)
+    observe = np.concatenate([np.eye(count), -moved], axis=1)
     noise = (result.uncertainty.covariance + result.check.structure)[np.ix_(rows, rows)]
     common = observe @ room.covariance @ observe.T
-    corners = np.array([located.setup.glass.ior, *located.setup.glass.center])
-    off = result.value[rows] - corners
+    off = result.value[rows] - room.told
 
-    excess = float(off @ np.linalg.solve(common + noise, off)) / len(GLASS)
+    excess = float(off @ np.linalg.solve(common + noise, off)) / count
     apart = float(abs(off[0]) / np.sqrt((common + noise)[0, 0]))
     # One in twenty exceeds this chi squared of index and centre, a degree of freedom, by chance.
     gain = room.covariance @ observe.T @ np.linalg.inv(common + noise * (excess if excess > 2.4 else 1.0))
-    index = float(corners[0] + gain[0] @ off)
+    index = float(room.told[0] + gain[0] @ off)
     variance = float((room.covariance - gain @ observe @ room.covariance)[0, 0])
     return Combined((index, float(np.sqrt(variance))), apart, float(gain[0, 0]))
 

@@ -1,7 +1,7 @@
 """Scenes of photographs: the camera, the board that shines by itself, and the ball or the tank."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,35 +17,41 @@ from ..scene.scene import Scene
 from ..util.compilation import jit
 from .boards import CharucoBoard
 from .flattened import Flattened
-from .geometry import Ball, Camera, Setup, Tank
+from .geometry import Camera, Setup, Tank
 from .locate import Located
 from .photograph import PixelGrid
 
-FREE = ("ball.ior", "ball.center", "film.gain", "film.blur", "sky.radiance")
-"""What a fit finds: the glass, its place, what is left of exposure and white balance, the camera's blur, and the room
-that the ball reflects, whose share follows Fresnel's equations."""
-
-UNCERTAIN = (
+HELD = (
     *(f"eye.{what}.{axis}" for what in ("viewpoint", "lookat") for axis in "xyz"),
     *("eye.fov", "eye.distortion.k1", "eye.distortion.k2", "eye.center.x", "eye.center.y", "ball.radius"),
 )
-"""Parameters that corners and ruler have told; their errors and the correlations of these are known."""
+"""What corners and ruler have told, and a fit holds; their errors and the correlations of these are known."""
 
-GLASS = ("ball.ior", *(f"ball.center.{axis}" for axis in "xyz"))
-"""What corners and light both tell."""
+
+GLASSES = 4
+"""The index and the three coordinates of a ball's centre."""
 
 
 class RoomScene(NamedTuple):
-    """A scene to fit a flattened photograph with.
+    """A scene to fit flattened photographs with.
 
     Args:
         scene: as the corners have it.
-        uncertain: standard deviations of parameters that are not free, by name.
+        free: what a fit finds: the glass, its place, what is left of exposure and white balance, the camera's blur, and
+            the room that the ball reflects, whose share follows Fresnel's equations.
+        glass: the parameters that corners and light both tell, the index first.
+        held: the parameters that corners alone tell.
+        told: the values of `glass` by the corners.
+        uncertain: standard deviations of those of `held` that are not exact, by name.
         correlations: of the same parameters, by pairs of names.
-        covariance: of `GLASS` and `UNCERTAIN` together, by the corners.
+        covariance: of `glass` and `held` together, by the corners.
     """
 
     scene: Scene
+    free: tuple[str, ...]
+    glass: tuple[str, ...]
+    held: tuple[str, ...]
+    told: Float[np.ndarray, " glass"]
     uncertain: Mapping[str, float]
     correlations: Mapping[tuple[str, str], float]
     covariance: Float[np.ndarray, "numbers numbers"]
@@ -67,35 +73,55 @@ def light_options(room: RoomScene) -> FitOptions:
     )
 
 
-def room_scene(located: Located, flat: Flattened) -> RoomScene:
-    """The scene of a flattened photograph, in the board's frame and unit of length."""
-    grid, setup = flat.grid, located.setup
-    # The board shines by itself, for the photograph was divided by the light on it.
-    glass: Ball = setup.glass
-    shapes = [
-        build.material("glass", transmission=1, ior=float(glass.ior)),
-        build.sphere("ball", material="glass", center=glass.center, radius=float(glass.radius)),
-    ]
-    if (liquid := setup.liquid) is not None:
-        shapes += [
+def room_scene(
+    located: Sequence[Located], flats: Sequence[Flattened], chains: Sequence[Float[np.ndarray, "numbers joint"]],
+    covariance: Float[np.ndarray, "joint joint"],
+) -> RoomScene:  # fmt: skip
+    """The scene of flattened photographs, in the board's frame and unit of length.
+
+    Each of several photographs has its own board and ball, for somebody may have moved it; they stand so far apart
+    that no camera sees another one's. The glass and the room that it reflects are common.
+
+    Args:
+        chains: as `Adjusted` has them, of these photographs.
+        covariance: of all that was adjusted.
+    """
+    ends = [""] if len(located) == 1 else [str(k + 1) for k in range(len(located))]
+    blocks, free, glass, held, slopes = list[Description](), list[str](), list[str](), list[str](), []
+    for k, (view, flat, chain) in enumerate(zip(located, flats, chains, strict=True)):
+        end, ball = ends[k], view.setup.glass
+        aside = np.array([1e4 * k * view.board.half[0], 0.0, 0.0])
+        blocks += _photograph(view, flat.grid, flat.field.ink, end, aside)
+        blocks.append(
+            build.sphere(f"ball{end}", material="glass", center=ball.center + aside, radius=float(ball.radius))
+        )
+        index, film = ("glass.ior", f"eye{end}") if end else ("ball.ior", "film")
+        center = [f"ball{end}.center.{axis}" for axis in "xyz"]
+        free += [*([] if k else [index]), f"ball{end}.center", f"{film}.gain", f"{film}.blur"]
+        glass += [*([] if k else [index]), *center]
+        held += [name.replace("eye.", f"eye{end}.").replace("ball.", f"ball{end}.") for name in HELD]
+        slopes.append(np.asarray(_slope(view.setup, view.size, flat.grid)) @ chain)
+    first = located[0].setup
+    material = build.material("glass", transmission=1, ior=float(first.glass.ior))
+    if (liquid := first.liquid) is not None:
+        blocks += [
             build.material("liquid", transmission=1, ior=float(liquid.ior)),
             build.plane("surface", material="liquid", normal=(0, 0, 1), point=(0, 0, float(liquid.depth))),
         ]
-    scene = _scene(located, grid, flat.field.ink, shapes)
 
-    # The covariance of the scene's numbers, from that of camera and ball. What is held still in the fit has errors and
+    # The covariance of the scene's numbers, from that of cameras and balls. What is held in the fit has errors and
     # correlations of these.
-    slope = np.asarray(_slope(setup, located.size, grid))
-    whole = slope @ located.covariance @ slope.T
-    covariance = whole[len(GLASS) :, len(GLASS) :]
-    spread = np.sqrt(np.diagonal(covariance))
-    known = [k for k in range(len(UNCERTAIN)) if spread[k] > 0]
-    uncertain = {UNCERTAIN[k]: float(spread[k]) for k in known}
-    pairs = {
-        (UNCERTAIN[i], UNCERTAIN[j]): float(covariance[i, j] / (spread[i] * spread[j]))
-        for i in known for j in known if i < j
-    }  # fmt: skip
-    return RoomScene(scene, uncertain, pairs, whole)
+    of_glass = [slope[bool(k) : GLASSES] for k, slope in enumerate(slopes)]
+    slope = np.concatenate([*of_glass, *(slope[GLASSES:] for slope in slopes)])
+    whole = slope @ covariance @ slope.T
+    own = whole[len(glass) :, len(glass) :]
+    spread = np.sqrt(np.diagonal(own))
+    known = [k for k in range(len(held)) if spread[k] > 0]
+    pairs = {(held[i], held[j]): float(own[i, j] / (spread[i] * spread[j])) for i in known for j in known if i < j}
+    scene = make_scene(*_room(material), *blocks)
+    told = np.array([float(scene[name]) for name in glass])
+    uncertain = {held[k]: float(spread[k]) for k in known}
+    return RoomScene(scene, (*free, "sky.radiance"), tuple(glass), tuple(held), told, uncertain, pairs, whole)
 
 
 def wedge_comment(located: Located) -> str:
@@ -120,31 +146,46 @@ def tank_scene(located: Located) -> Scene:
         "tank", material="liquid", point=(0, 0, before), normal=(*glass.tilt, 1), thickness=float(glass.thickness),
         wall=float(glass.wall), wall_ior=max(float(glass.wall_index), 1.0),
     )  # fmt: skip
-    liquid = build.material("liquid", transmission=1, ior=float(glass.ior))
-    return _scene(located, PixelGrid.of(located.size, 1), np.zeros(3), [liquid, tank])
+    liquid, grid = build.material("liquid", transmission=1, ior=float(glass.ior)), PixelGrid.of(located.size, 1)
+    return make_scene(*_room(liquid), *_photograph(located, grid, np.zeros(3)), tank)
 
 
-def _scene(located: Located, grid: PixelGrid, ink: Float[np.ndarray, "3"], glass: Sequence[Description]) -> Scene:
-    """The camera, the board with ink of this brightness, and what is before it."""
-    eye = _eye(located.setup.camera, located.size, grid)
-    half = located.board.half
+def _room(*blocks: Description) -> list[Description]:
+    """What is common to photographs."""
     # Light that has been reflected within a ball three times is left out: of a glass of 1.8 it is 6e-4, of one of 1.5
     # 6e-5.
-    return make_scene(
-        build.settings("main", model="physical", mapping="center", max_bounces=4),
-        build.camera("eye", pixeldim=grid.size, **{name: np.asarray(x) for name, x in eye.items()}),
-        build.background("sky", radiance=(0.05, 0.05, 0.05)),
-        build.film("film", blur=max(located.blur / grid.binning, 0.2)),
-        build.texture("print", kind="image", file=_texture(located.board, ink)),
-        build.material("paper", emission=(1, 1, 1), texture="print"),
-        build.rectangle("board", material="paper", center=(0, 0, 0), right=(half[0], 0, 0), up=(0, half[1], 0)),
-        *glass,
-    )
+    settings = build.settings("main", model="physical", mapping="center", max_bounces=4)
+    return [settings, build.background("sky", radiance=(0.05, 0.05, 0.05)), *blocks]
+
+
+def _photograph(
+    located: Located,
+    grid: PixelGrid,
+    ink: Float[np.ndarray, "3"],
+    end: str = "",
+    aside: Any = (0, 0, 0),
+) -> list[Description]:
+    """The camera, and the board with ink of this brightness.
+
+    Args:
+        end: of the names.
+        aside: by how much both are moved.
+    """
+    eye = {name: np.asarray(x) for name, x in _eye(located.setup.camera, located.size, grid).items()}
+    eye |= {name: eye[name] + aside for name in ("viewpoint", "lookat")}
+    half = located.board.half
+    return [
+        build.camera(f"eye{end}", pixeldim=grid.size, **eye),
+        build.film(f"eye{end}" if end else "film", blur=max(located.blur / grid.binning, 0.2)),
+        build.texture(f"print{end}", kind="image", file=_texture(located.board, ink)),
+        build.material(f"paper{end}", emission=(1, 1, 1), texture=f"print{end}"),
+        build.rectangle(f"board{end}", material=f"paper{end}", center=aside, right=(half[0], 0, 0), up=(0, half[1], 0)),
+    ]
 
 
 @jit
 def _slope(setup: Setup, size, grid) -> Float[Array, "scene numbers"]:
-    """The derivative of what `GLASS` and `UNCERTAIN` name by the set-up's numbers."""
+    """The derivative by the set-up's numbers of the ball's index and centre, `GLASSES`, then of what `HELD` names."""
     numbers, setup_of = ravel_pytree(setup)
 
     def of_scene(numbers):

@@ -23,7 +23,7 @@ from raytrace_jax.photo.lens import uncalibrated
 from raytrace_jax.photo.locate import locate_together
 from raytrace_jax.photo.outline import Disc, find_discs
 from raytrace_jax.photo.photograph import Photograph, photograph_of
-from raytrace_jax.photo.room_scene import FREE, UNCERTAIN, room_scene
+from raytrace_jax.photo.room_scene import HELD, room_scene
 from raytrace_jax.photo.sight import Projection
 
 VIEWPOINT, CENTER = CAMERA["viewpoint"], (4.0, -3.0, 65.0)
@@ -64,12 +64,13 @@ def test_the_ball_is_found_within_errors(located):
 @pytest.mark.slow
 def test_the_scene_looks_like_the_photograph(image, located):
     flat = flatten(image, located)
-    room = room_scene(located, flat)
+    room = room_scene([located], [flat], [np.eye(len(located.covariance))], located.covariance)
     assert flat.counts.shape == flat.image.shape[1:] == (flat.grid.window[3], flat.grid.window[2])
     assert flat.through.sum() > 2000 and not np.any(flat.through & ~flat.counts)
-    for name in FREE:
+    for name in (*room.free, *room.held):
         room.scene[name]
-    assert set(room.uncertain) == set(UNCERTAIN) - {"ball.radius"}, "it is known exactly"
+    assert set(room.glass) <= {name for free in room.free for name in (free, *(f"{free}.{axis}" for axis in "xyz"))}
+    assert set(room.uncertain) == set(HELD) - {"ball.radius"}, "it is known exactly"
     assert all(np.isfinite(room.scene[name]) for name in room.uncertain)
     assert all(spread > 0 for spread in room.uncertain.values())
     assert all(set(pair) <= set(room.uncertain) and abs(r) < 1 + 1e-9 for pair, r in room.correlations.items())

@@ -25,7 +25,7 @@ from ...photo.locate import Located, PhotoResult, Together, locate_together
 from ...photo.opinions import AGREE, budget, combine, contradictions, shown, together_to_dict
 from ...photo.outline import Disc
 from ...photo.photograph import Photograph
-from ...photo.room_scene import FREE, RoomScene, light_options, room_scene, tank_scene, wedge_comment
+from ...photo.room_scene import light_options, room_scene, tank_scene, wedge_comment
 from ...photo.turned import turned_alike
 from ...report.fit_report.folder import write_pictures
 from ...report.fit_report.summary import write_numbers
@@ -119,9 +119,10 @@ def run_photo(command: Photo) -> int:
             print(f"The index is that at {wavelengths[0][0]:g} nm.")
         else:
             print("The photographs show no colours apart: the index is that of their mean wavelength.")
+    flats = [flat for flat in light if isinstance(flat, Flattened)]
     for no_light in light:
         if isinstance(no_light, PictureError):
-            if command.fit:
+            if command.fit and not flats:
                 raise no_light
             print_warning(f"{no_light} There is no scene for a fit.")
     for end, result, flat in zip(_ends(command.photos), together.photographs, light, strict=True):
@@ -129,23 +130,24 @@ def run_photo(command: Photo) -> int:
         if result.located and command.tank:
             save_scene(tank_scene(result.located), file, model="physical", comments=wedge_comment(result.located))
         elif result.located and isinstance(flat, Flattened):
-            room = room_scene(result.located, flat)
+            own = np.eye(len(result.located.covariance))
+            room = room_scene([result.located], [flat], [own], result.located.covariance)
             save_scene(room.scene, file, model="physical")
-            if command.fit:
-                return max(code, _fit_light(command, result.located, flat, room, console))
+    if command.fit:
+        return max(code, _fit_light(command, together, light, console))
     print(json_text(numbers) if command.json else folder, end="" if command.json else "\n")
     return code
 
 
 def _check_options(command: Photo) -> None:
     """Refuse options that do not go together. Raises UsageError."""
-    for option, is_given in (("--ball", command.ball), ("--fit", command.fit), ("--in", command.liquid)):
+    for option, is_given in (("--ball", command.ball), ("--in", command.liquid)):
         if is_given and len(command.photos) > 1:
             raise UsageError(f"{option}: is for one photograph, and {len(command.photos)} came.")
         if is_given and command.tank:
             raise UsageError(f"{option}: is for a ball, and --tank came.")
-    if command.fit and command.liquid:
-        raise UsageError("--fit: is for a ball in air, and --in came.")
+    if command.fit and (command.liquid or command.tank):
+        raise UsageError(f"--fit: is for a ball in air, and --{'in' if command.liquid else 'tank'} came.")
 
 
 def _light_of(
@@ -182,15 +184,30 @@ def _ends(paths: Sequence[Path]) -> list[str]:
     return [f"_{stem}" if stems.count(stem) == 1 else f"_{stem}_{k + 1}" for k, stem in enumerate(stems)]
 
 
-def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScene, console: Console) -> int:
-    """Fit the photograph's light, print what it says beside the corners, and write the report."""
-    options = light_options(room)
-    settings, weights = RenderSettings(crop=flat.grid.window), flat.counts.astype(float)
-    with FitProgress(scalar_names(room.scene, FREE), console, command.verbose) as show:
+def _fit_light(
+    command: Photo, together: Together, light: Sequence[Flattened | PictureError | None], console: Console
+) -> int:
+    """Fit the light of all photographs that have some, print what it says beside the corners, and write the report."""
+    assert together.adjusted is not None, "a ball is found"
+    # Those with a ball come first among the adjusted ones, in their order.
+    of_located = [flat for result, flat in zip(together.photographs, light, strict=True) if result.located]
+    all_seen = zip(together.located, of_located, together.adjusted.chains, strict=False)
+    seen = [(located, flat, chain) for located, flat, chain in all_seen if isinstance(flat, Flattened)]
+    balls, pictures, chains = zip(*seen, strict=True)
+    room = room_scene(balls, pictures, chains, together.adjusted.covariance)
+    flats = dict(zip(room.scene.cameras, pictures, strict=True))
+    targets, weights = (
+        {name: each(flat) for name, flat in flats.items()}
+        for each in (lambda flat: flat.image, lambda flat: flat.counts.astype(float))
+    )
+    settings = {name: RenderSettings(crop=flat.grid.window) for name, flat in flats.items()}
+    located = together.located[0]
+    with FitProgress(scalar_names(room.scene, room.free), console, command.verbose) as show:
         told: dict[str, Any] = {"on_step": show.step, "on_phase": show.phase}
-        result = fit(room.scene, flat.image, FREE, settings, options=options, weights=weights, **told)
+        options = light_options(room)
+        result = fit(room.scene, targets, room.free, settings, options=options, weights=weights, **told)
     text = write_numbers(result, command.output)
-    both, came_to_rest = combine(located, room, result), result.status in ("converged", "model_incomplete")
+    both, came_to_rest = combine(room, result), result.status in ("converged", "model_incomplete")
     write_text(command.output / "joined.json", json_text(both._asdict()))
     if command.json:
         sys.stdout.write(text)
@@ -203,8 +220,8 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
             )
         else:
             print(last_word(result))
-        light = result["ball.ior"]
-        indices = {"corners": located.ior, "light": (light.value, light.error), "both": both.ior}
+        index = result[room.glass[0]]
+        indices = {"corners": located.ior, "light": (index.value, index.error), "both": both.ior}
         rows = [(by, with_error(*index, command.long)) for by, index in indices.items()]
         print_table("the index", ("by", "estimate"), rows)
         print(command.output, flush=True)

@@ -292,7 +292,7 @@ class Photo(PhotoOptions):
     """Where the ball is, if it is not found: the column and row of its middle and its radius, in pixels. Of one
     photograph."""
     fit: bool = False
-    """Fit the light of one photograph too, a second opinion that takes minutes, and write the report of that fit."""
+    """Fit the photographs' light too, a second opinion that takes minutes, and write the report of that fit."""
     long: bool = False
     """Write estimates as 1.5187 +- 0.0011 in place of 1.5187(11), whose parentheses hold the error in the last digits;
     in the table, on the sheet and in the report of --fit."""

@@ -221,23 +221,56 @@ def find_minima(
 ) -> list[LocalMinimum]:
     """Minima on the small pictures, best first.
 
+    Those of several views are sought from where a solve of one view alone ended, of each view until one of them leads
+    to what explains all: a grid that finds a ball in one picture is too coarse for two, which tell its depth apart.
     A start that leads to a picture which is not finite is left out, with a warning.
 
     Raises:
         PictureError: no start leads to a picture that is finite.
     """
-    minima: list[LocalMinimum] = []
-    tried: list[np.ndarray] = []
-    for start in find_starts(problem, options.search, progress):
+    levels, minima = levels or [Stage(options.edges)], list[LocalMinimum]()
+    if not options.search or not problem.others:
+        starts = find_starts(problem, options.search, progress)
+        minima = solved_minima(problem, starts, LEAST_SOLVES, levels, progress)
+    else:
+        for view in problem.views:
+            ends = [end.summary for end in find_minima(view, levels, options, progress)]
+            starts = [end.value for end in ends if end.explained] or [ends[0].value]
+            minima = solved_minima(problem, starts, len(starts), levels, progress, minima)
+            if any(minimum.summary.explained for minimum in minima):
+                break
+    if not minima:
+        raise PictureError(
+            "the fit has nowhere to begin: the picture of every start, or a derivative of it, is not finite. Look at "
+            "the scene's numbers, or start elsewhere."
+        )
+    return [minimum.judged_against(minima[0].residual) for minimum in minima]
+
+
+def solved_minima(
+    problem: Problem,
+    starts: Sequence[Values],
+    least: int,
+    levels: Sequence[Stage],
+    progress: Progress,
+    minima: Sequence[LocalMinimum] = (),
+) -> list[LocalMinimum]:
+    """The minima to which some starts lead, and other ones, best first.
+
+    Args:
+        least: how many solves are made although one has led to what explains the target.
+    """
+    minima, tried = list(minima), list[np.ndarray]()
+    for start in starts:
         # Take the next start that is not like one before, unless there is answer enough.
-        enough = len(tried) >= LEAST_SOLVES and any(minimum.summary.explained for minimum in minima)
+        enough = len(tried) >= least and any(minimum.summary.explained for minimum in minima)
         if enough or len(tried) == 5:
             break
         if any(problem.distance(start, other) < 0.1 for other in tried):
             continue
-        candidate = len(tried)
+        candidate = 1 + max((step.candidate for step in progress.findings.steps), default=-1)
         progress.phase(f"solving from start {candidate + 1}")
-        end = descend(problem, start, levels or [Stage(options.edges)], candidate, progress, minima)
+        end = descend(problem, start, levels, candidate, progress, minima)
         tried.append(start)
         if end is None:
             continue
@@ -247,14 +280,9 @@ def find_minima(
             warnings.warn(words, RaytraceWarning, stacklevel=2)
             continue
         # Put its minimum among the others; the best so far is the answer if the fit is stopped.
-        minima = with_minimum(problem, minima, LocalMinimum.of(end, candidate, max(len(levels) - 1, 0)))
+        minima = with_minimum(problem, minima, LocalMinimum.of(end, candidate, len(levels) - 1))
         progress.findings.answer = minima[0].y
-    if not minima:
-        raise PictureError(
-            "the fit has nowhere to begin: the picture of every start, or a derivative of it, is not finite. Look at "
-            "the scene's numbers, or start elsewhere."
-        )
-    return [minimum.judged_against(minima[0].residual) for minimum in minima]
+    return minima
 
 
 def find_starts(problem: Problem, scanned: bool, progress: Progress) -> list[Values]:
