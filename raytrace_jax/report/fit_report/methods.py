@@ -38,6 +38,7 @@ def references(result: FitResult) -> dict[str, str]:
 def methods_text(result: FitResult, long: bool = False) -> str:
     """A paragraph on what was fitted and how, to paste into a paper, and the numbered references below it."""
     works, told, sure, check = references(result), result.provenance, result.uncertainty, result.check
+    views, samples = result.views, [view.target_samples for view in result.views.values()]
     numbers = {name: f"[{k}]" for k, name in enumerate(works, start=1)}
     stated = [f"{a.name} ({number_text(a.uncertainty, 2)})" for a in check.assumptions if a.uncertainty]
     systematic = [f"the stated uncertainty of {listed(stated)}"] if stated else []
@@ -52,7 +53,9 @@ def methods_text(result: FitResult, long: bool = False) -> str:
         listed=listed,
         target=f"{Path(told['target']).name} " if "target" in told else "",
         place=place_words(result),
-        counted=f"{np.count_nonzero(result.counts):,}",
+        sizes={camera: facts(view)["pixels"][0] for camera, view in views.items()},
+        samples_of=list(dict.fromkeys(samples)),
+        counted=f"{sum(np.count_nonzero(view.counts) for view in views.values()):,}",
         priors=[f"{name} ({number_text(mean, 6)} ± {number_text(sd, 2)})" for name, mean, sd in result.priors],
         levels=list(level_labels(winning_steps(result)).values()),
         facts=facts(result),
