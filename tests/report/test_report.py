@@ -364,8 +364,12 @@ def test_the_methods_name_the_works():
 
 
 def test_the_methods_name_the_views():
-    text = methods_text(two_views())
-    assert "fitted to 2 views, the pictures of the cameras left, right/b (40 × 30 and 20 × 24 pixels" in text
+    result = two_views()
+    text = methods_text(result)
+    assert "fitted to the pictures of 2 views (left: 40 × 30 pixels; right/b: 20 × 24 pixels) with" in text
+    told = {"target": "a/l.png, b/r.png", "target_sha256": "ab12"}
+    named = methods_text(dataclasses.replace(result, provenance=told))
+    assert "(left: l.png, 40 × 30 pixels; right/b: r.png, 20 × 24 pixels; SHA-256 ab12) with" in named
     assert "the mean over its area or, in another view, the mean of 8 × 8 samples on a regular grid." in text
     assert "over 1,680 pixels" in text
 

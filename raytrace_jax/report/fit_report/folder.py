@@ -63,8 +63,8 @@ def provenance_rows(result: FitResult) -> list[tuple[str, str]]:
     labels |= {"seconds": "time to the last step [s]", "stages": "time by stage"}
     known = summary.provenance_of(result)
     stages = "; ".join(f"{stage}: {seconds:.3g} s" for stage, seconds in known["stages"].items())
-    size = summary.facts(result)["pixels"][0] + summary.place_words(result)
-    known |= {"target_size": size, "stages": stages or "none"}
+    sizes = [summary.facts(view)["pixels"][0] + summary.place_words(view) for view in result.views.values()]
+    known |= {"target_size": ", ".join(sizes), "stages": stages or "none"}
     labels |= {name: name.replace("_", " ") for name in known if name not in labels}
     return [(label, known[name]) for name, label in labels.items() if name in known]
 
