@@ -8,7 +8,9 @@ import numpy as np
 from raytrace_jax import FitResult, load_scene
 from raytrace_jax.inverse.judge.model_check import Assumption, Cause, ModelCheck
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.result import FitStep, Minimum, Profile
+from raytrace_jax.inverse.judge.views import ViewAlone
+from raytrace_jax.inverse.result import FitStep, Minimum, Profile, ViewPictures
+from raytrace_jax.scene.scene import View
 from raytrace_jax.tracer.settings import ResolvedSettings
 
 VITREOUS = Path(__file__).parent.parent / "data" / "vitreous.txt"
@@ -129,6 +131,22 @@ def full_result(shape=(3, 60, 80), names=NAMES):
             Minimum(1, value + np.resize([-0.29, 0.4, -0.3, -0.5], count), 7.9 / 255, 0, False, 14.2),
         ),
     )
+
+
+def two_views(status="converged"):
+    """A result of two cameras, `left` and `right/b`, whose pictures differ in size; the second alone tells less."""
+    result, other = fake_result(status), fake_result(shape=(3, 24, 20))
+    camera = dataclasses.replace(result.scene.camera, name="left")
+    further = View(dataclasses.replace(camera, name="right/b"), None)
+    fields = {field.name: getattr(other, field.name) for field in dataclasses.fields(ViewPictures)}
+    pictures = ViewPictures(**fields | {"rms_residual": 0.02, "left_out": 3, "target_samples": 8})
+    error = result.uncertainty.standard_error
+    alone = (
+        ViewAlone("left", result.value + 1e-4, 2 * error),
+        ViewAlone("right/b", result.value, np.full(2, np.inf)),
+    )
+    scene = dataclasses.replace(result.scene, camera=camera, further_views=(further,))
+    return dataclasses.replace(result, scene=scene, further_views=(pictures,), alone=alone)
 
 
 def changed(result, **parts):

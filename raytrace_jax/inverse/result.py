@@ -336,8 +336,9 @@ class FitResult:
         `FitResult.load` reads, `fit.exr`, `residual.exr`, the figure `report.png` and the page `report.html`. For a
         paper there are also `estimates.csv`, `estimates.tex`, and what was done as `methods.txt`. Each appears only
         when it is whole, and one of an earlier fit is replaced. `residual.exr` is signed, the fit minus the target; a
-        fit that was stopped before it rendered its picture has neither of the two EXR files. `report.html` needs no
-        other file and no network. `result.json` has null for what is infinite or not a number.
+        fit that was stopped before it rendered its picture has neither of the two EXR files. Of several views each has
+        both, named by its camera, as `fit_left.exr`. `report.html` needs no other file and no network. `result.json`
+        has null for what is infinite or not a number.
 
         Args:
             folder: where to write; it is made if it is missing.

@@ -10,14 +10,14 @@ from string import ascii_lowercase
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from fake_fit import changed, fake_result, full_result
+from fake_fit import changed, fake_result, full_result, two_views
 from hypothesis import given
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
 import raytrace_jax
-from raytrace_jax import RaytraceError, format_scene, read_exr
+from raytrace_jax import RaytraceError, format_scene, load_scene, read_exr
 from raytrace_jax.inverse.judge.model_check import ModelCheck
 from raytrace_jax.inverse.result import ELLIPSE_95
 from raytrace_jax.report.fit_report.curves import draw_profile, ellipse
@@ -98,7 +98,7 @@ def test_json_holds_all_but_the_pictures(tmp_path):
         assert entry["chi_square"] == profile.chi_square.tolist() and entry["others"] == profile.others.tolist()
         assert entry["interval"] == [end if np.isfinite(end) else None for end in profile.interval]
     fields = {field.name for part in (result, result.uncertainty, result.check) for field in dataclasses.fields(part)}
-    pictures = {"target", "start_image", "image", "weights"}
+    pictures = {"target", "start_image", "image", "weights", "further_views", "alone"}
     regrouped = {"names", "value", "resolution", "initial", "standard_error", "cramer_rao", "units", "assumptions"}
     regrouped |= {"covariance", "undetermined", "stated", "structure", "uncertainty", "check", "steps"}
     regrouped |= {"distant_correlation", "is_structured", "displaced"}
@@ -111,6 +111,53 @@ def test_json_holds_all_but_the_pictures(tmp_path):
     assert summary["rests_on"] == result.rests_on
     assert summary["depends_on"]["vitreous.ior"]["on"] == "cyan.alpha"
     assert summary["settings"]["reflectance"] == "schlick" and "least_weight" not in summary["settings"]
+
+
+def test_each_view_has_its_pictures(tmp_path):
+    result = two_views()
+    result.save(tmp_path)
+    pictures = {f"{kind}_{end}.exr" for kind in ("fit", "residual") for end in ("left", "right%2Fb")}
+    files = {path.name for path in tmp_path.iterdir()}
+    assert files == {*FILES, *pictures} - {"fit.exr", "residual.exr"}
+    for camera, view in result.views.items():
+        end = camera.replace("/", "%2F")
+        for file, image in ((f"fit_{end}.exr", view.image), (f"residual_{end}.exr", view.image - view.target)):
+            picture = read_exr(tmp_path / file)
+            np.testing.assert_array_equal(np.stack([picture.channels[c] for c in "RGB"]), image.astype(np.float32))
+            assert picture.metadata["camera"] == camera
+    summary = read_summary(tmp_path)
+    left, right = summary["views"]
+    ior = result.value[0]
+    assert (left["camera"], left["rms_residual"], left["target_samples"]) == ("left", 0.01, None)
+    assert left["alone"]["vitreous.ior"] == {"value": ior + 1e-4, "standard_error": 4.6e-4}
+    assert (right["rms_residual"], right["left_out"], right["target_samples"]) == (0.02, 3, 8)
+    assert right["alone"]["vitreous.ior"] == {"value": ior, "standard_error": None}
+    assert load_scene(tmp_path / "fit.txt").cameras == ("left", "right/b")
+
+    # A fit of one view takes the pictures of the others away, and nothing else.
+    (tmp_path / "fit_mine.exr").touch()
+    fake_result().save(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {*FILES, "fit_mine.exr"}
+    assert "views" not in read_summary(tmp_path)
+    stopped = dataclasses.replace(result.further_views[0], image=None, start_image=None)
+    dataclasses.replace(result, image=None, alone=(), further_views=(stopped,)).save(tmp_path)
+    assert [view["alone"] for view in read_summary(tmp_path)["views"]] == [None, None]
+    assert not {path.name for path in tmp_path.iterdir()} & pictures
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_figure_has_a_row_for_each_view():
+    figure = draw_report(two_views()).figure
+    titles = [ax.get_title() for ax in figure.axes if ax.get_visible() and ax.get_title()]
+    for k, camera in enumerate(("left", "right/b")):
+        row = [title.partition(") ")[2] for title in titles[4 * k : 4 * k + 4]]
+        assert row == [f"{camera}: {name}" for name in ("target", "start", "fit", "fit − target, worst channel")]
+    assert len(titles) == 8 + 1 + 2
+    above = figure.subfigs[0].texts[0].get_text().splitlines()
+    assert above[1].startswith("left: rms residual 2.55/255") and above[2].startswith("right/b: rms residual 5.1/255")
+    boxes = [text.get_window_extent() for part in (figure, *figure.subfigs) for text in part.texts]
+    boxes += [ax.title.get_window_extent() for ax in figure.axes if ax.get_title()]
+    assert not any(box.overlaps(other) for i, box in enumerate(boxes) for other in boxes[:i])
 
 
 def test_a_failure_leaves_no_old_pictures(tmp_path):
@@ -314,6 +361,17 @@ def test_the_methods_name_the_works():
     assert works.splitlines() == [f"[{k}] {work}" for k, work in enumerate(references(result).values(), start=1)]
     assert set(re.findall(r"\[(\d)\]", paragraph)) == set("1234567")
     assert "1.33700 ± 0.00023" in methods_text(fake_result(), long=True)
+
+
+def test_the_methods_name_the_views():
+    result = two_views()
+    text = methods_text(result)
+    assert "fitted to the pictures of 2 views (left: 40 × 30 pixels; right/b: 20 × 24 pixels) with" in text
+    told = {"target": "a/l.png, b/r.png", "target_sha256": "ab12"}
+    named = methods_text(dataclasses.replace(result, provenance=told))
+    assert "(left: l.png, 40 × 30 pixels; right/b: r.png, 20 × 24 pixels; SHA-256 ab12) with" in named
+    assert "the mean over its area or, in another view, the mean of 8 × 8 samples on a regular grid." in text
+    assert "over 1,680 pixels" in text
 
 
 def test_a_number_for_all_channels_says_so():

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from browsers import HEADLESS
 from browsers import browser as browser
-from fake_fit import changed, fake_result, full_result
+from fake_fit import changed, fake_result, full_result, two_views
 from PIL import Image
 
 from raytrace_jax import __version__, format_scene
@@ -139,6 +139,25 @@ def test_a_small_result_has_a_small_page():
     for text in ("Other minima", "Profile", "tied", "prior", "reduced chi-square", "Vuong", "grey"):
         assert text not in page.text
     assert "Correlation" not in page_of(fake_result(names=("vitreous.ior",))).text
+
+
+def test_the_page_says_what_each_view_tells_alone():
+    result = two_views()
+    page = page_of(result)
+    for row in (
+        ["view", *result.labels],
+        ["left", "1.33710(46)", "not determined"],
+        ["right/b", "not determined", "not determined"],
+        ["all together", "1.33700(23)", "not determined"],
+    ):
+        assert row in page.rows, row
+    shown = [image["alt"] for image in page.images()[:8]]
+    assert shown == [f"{c}: {name}" for c in ("left", "right/b") for name in ("target", "start", "fit", "fit − target")]
+    assert [image["width"] for image in page.images()[:8]] == ["40"] * 4 + ["20"] * 4
+    for text in ("rms residual: 2.55/255", "rms residual: 5.1/255", "pixels: 20 × 24 (all count)"):
+        assert page.text.count(text) == 1, text
+    assert "tells alone" not in page_of(fake_result()).text
+    assert "tells alone" not in page_of(changed(result, alone=())).text
 
 
 @pytest.mark.fast_cases(1)

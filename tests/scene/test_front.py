@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 from command_line import run
-from fake_fit import fake_result, full_result
+from fake_fit import fake_result, full_result, two_views
 from PIL import Image
 from scenes import assert_same_scene, assignment_scene
 
@@ -117,7 +117,7 @@ def test_a_result_answers_by_name(tmp_path):
         result[name + "x"]
 
 
-@pytest.mark.parametrize("make", [fake_result, full_result])
+@pytest.mark.parametrize("make", [fake_result, full_result, two_views])
 def test_a_saved_result_comes_back_exactly(make, tmp_path):
     result = make()
     result.save(tmp_path)

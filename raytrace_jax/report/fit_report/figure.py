@@ -80,10 +80,6 @@ class Sheet(NamedTuple):
 
 def draw_report(result: FitResult, long: bool = False) -> Sheet:
     """Draw target, start, fit and residual, the cost, the way of every parameter, the corner plot and profiles."""
-    # Wide pictures stand in two rows; all heights are inches.
-    _, height, width = result.target.shape
-    picture_columns = 2 if width / height > 2.2 else 4
-    picture_height = min(6.0, 10.8 / picture_columns * height / width) + 0.35
     # Beside the corner plot stand all or the ways, three in a row; what is left stands below, at most five in a row.
     corner, drawn = curves.corner_columns(result), _curves(result, long)
     side = 1.6 + 0.7 * len(corner)
@@ -91,21 +87,25 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
     beside = drawn if len(drawn) <= room else drawn[: min(1 + len(result.names), room)]
     below = drawn[len(beside) :]
     message = [drawable(line, 150) for line in textwrap.wrap(result.message, 150)]
-    heights = [0.45 + 0.15 * len(message) + 4 // picture_columns * picture_height]
+    views, steps = result.views, facts(result)["steps"][0]
+    message += [_judged(view, camera if len(views) > 1 else "") for camera, view in views.items()]
+    message[-1:] = [f"{message[-1]}, {steps} steps"] if len(views) == 1 else [message[-1], f"{steps} steps"]
+    places = [_picture_places(view) for view in views.values()]
+    heights = [rows * height for rows, _, height in places]
+    heights[0] += 0.3 + 0.15 * len(message)
     heights += [side] * bool(corner) + [2.2 * math.ceil(len(below) / 5)] * bool(below)
-    heights[1] += 0.4
+    heights[len(views)] += 0.4
 
     figure = Figure(figsize=(12.0, 0.25 + sum(heights)), dpi=300, layout="constrained")
     canvas, title = FigureCanvasAgg(figure), result.status.replace("_", " ")
     figure.suptitle(title, fontsize=12, fontweight="bold", color=COLOURS[result.status])
-    pictures, *bands = figure.subfigures(len(heights), squeeze=False, height_ratios=heights).ravel()
-    numbers = facts(result)
-    (rms, few), typical, steps = numbers["rms residual"], numbers["typical residual"][0], numbers["steps"][0]
-    judged = f"rms residual {rms} ({few}), typical {typical}, {steps} steps"
-    pictures.suptitle("\n".join([*message, judged]), fontsize=9, parse_math=False)
-    axes = pictures.subplots(4 // picture_columns, picture_columns).ravel()
-    remove_ticks(axes)
-    _draw_pictures(axes, result)
+    parts = figure.subfigures(len(heights), squeeze=False, height_ratios=heights).ravel()
+    parts[0].suptitle("\n".join(message), fontsize=9, parse_math=False)
+    for part, (camera, view), (rows, columns, _) in zip(parts, views.items(), places, strict=False):
+        axes = part.subplots(rows, columns).ravel()
+        remove_ticks(axes)
+        _draw_pictures(axes, view, f"{drawable(camera, 16)}: " if len(views) > 1 else "")
+    bands = parts[len(views) :]
     bands[0].suptitle(KEY, fontsize=8, color="0.35")
     shown = []
     with matplotlib.rc_context(curves.STYLE):
@@ -129,6 +129,20 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
         left, right, top, bottom = map(round, (box.x0, box.x1, image.height - title.y0, image.height - box.y0))
         cut[group].append((name, remark, image.crop((left, top, right, bottom))))
     return Sheet(figure, image, cut)
+
+
+def _judged(view: FitResult, camera: str) -> str:
+    """What the residual of a view says of its fit, in a line."""
+    numbers = facts(view)
+    (rms, few), typical = numbers["rms residual"], numbers["typical residual"][0]
+    return f"{drawable(camera, 16)}{': ' * bool(camera)}rms residual {rms} ({few}), typical {typical}"
+
+
+def _picture_places(view: FitResult) -> tuple[int, int, float]:
+    """Rows and columns of a view's four pictures, and the height of a row in inches; wide ones stand in two rows."""
+    _, height, width = view.target.shape
+    columns = 2 if width / height > 2.2 else 4
+    return 4 // columns, columns, min(6.0, 10.8 / columns * height / width) + 0.35
 
 
 def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, Callable[[Axes], None]]]:
@@ -158,16 +172,16 @@ def _draw_curves(part: SubFigure, drawn: Sequence[tuple], most: int) -> list[tup
     return shown
 
 
-def _draw_pictures(axes: Sequence[Axes], result: FitResult) -> None:
+def _draw_pictures(axes: Sequence[Axes], result: FitResult, camera: str) -> None:
     shown, residual = screen_pictures(result), residual_of(result)
     for ax, name in zip(axes, ("target", "start", "fit"), strict=False):
         if name in shown:
             ax.imshow(shown[name], interpolation="nearest")
-        ax.set_title(name if name in shown else f"{name}: not rendered", fontsize=9)
+        ax.set_title(camera + (name if name in shown else f"{name}: not rendered"), fontsize=9)
     axes[3].set_visible(residual is not None)
     if residual is not None:
         draw_signed_values(axes[3], *residual, "1/255")
-        axes[3].set_title("fit − target, worst channel", fontsize=9)
+        axes[3].set_title(f"{camera}fit − target, worst channel", fontsize=9)
 
 
 def screen_pictures(result: FitResult) -> dict[str, np.ndarray]:

@@ -19,7 +19,7 @@ from ..films import how_made
 from ..panels import SIGNED, page_template, signed_pixels
 from . import summary
 from .curves import corner_columns
-from .figure import COLOURS, Sheet, draw_report, embed, residual_of, screen_pictures
+from .figure import COLOURS, ResidualMap, Sheet, draw_report, embed, residual_of, screen_pictures
 from .methods import methods_text
 from .summary import csv_table, tex_table, write_numbers
 
@@ -37,9 +37,11 @@ def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool
     folder = Path(folder)
     scene_text = read_bytes(folder / SCENE_FILE).decode()
     metadata = how_made(scene_text, result.settings)  # A texture that came as numbers has its file in that text alone.
-    if (image := result.image) is not None:
-        write_exr(folder / "fit.exr", image, metadata=metadata)
-        write_exr(folder / "residual.exr", image - result.target, metadata=metadata)
+    for end, view in summary.views_of(result).items():
+        if (image := view.image) is not None:
+            seen = {"camera": view.scene.camera.name} if end else {}
+            write_exr(folder / f"fit{end}.exr", image, metadata=metadata | seen)
+            write_exr(folder / f"residual{end}.exr", image - view.target, metadata=metadata | seen)
     save_record(result, folder)
     for name, text in TEXTS.items():
         write_text(folder / name, text(result, long))
@@ -61,8 +63,8 @@ def provenance_rows(result: FitResult) -> list[tuple[str, str]]:
     labels |= {"seconds": "time to the last step [s]", "stages": "time by stage"}
     known = summary.provenance_of(result)
     stages = "; ".join(f"{stage}: {seconds:.3g} s" for stage, seconds in known["stages"].items())
-    size = summary.facts(result)["pixels"][0] + summary.place_words(result)
-    known |= {"target_size": size, "stages": stages or "none"}
+    sizes = [summary.facts(view)["pixels"][0] + summary.place_words(view) for view in result.views.values()]
+    known |= {"target_size": ", ".join(sizes), "stages": stages or "none"}
     labels |= {name: name.replace("_", " ") for name in known if name not in labels}
     return [(label, known[name]) for name, label in labels.items() if name in known]
 
@@ -76,6 +78,14 @@ def setting_text(value: object) -> str:
     return "not set" if value is None else str(value)
 
 
+def _embedded_pictures(view: FitResult) -> tuple[list[tuple[str, dict[str, object]]], ResidualMap | None]:
+    """The pictures of a view by their captions, and the residual that the last of them shows, if there is one."""
+    images, residual = screen_pictures(view), residual_of(view)
+    if residual is not None:
+        images["fit − target"] = signed_pixels(residual.picture, residual.limit)
+    return [(name, embed(Image.fromarray(pixels))) for name, pixels in images.items()], residual
+
+
 def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = False) -> str:
     """The report of a fit as the text of one HTML file; `long` writes estimates as `with_error` does then."""
     filters = {"number": summary.number_text, "error": summary.error_text, "typeset": summary.typeset}
@@ -83,9 +93,7 @@ def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = F
     # Lines may break behind a name's dots and underscores, but not before a last letter.
     filters["pieces"] = re.compile("(?<=[._])(?=..)").split
     template = page_template("report/fit_report/page.html.jinja", filters)
-    known, images, residual = np.isfinite(result.standard_error), screen_pictures(result), residual_of(result)
-    if residual is not None:
-        images["fit − target"] = signed_pixels(residual.picture, residual.limit)
+    known = np.isfinite(result.standard_error)
     estimate = Minimum(result.candidate, result.value, result.rms_residual, 0, True, math.nan)
     used = {"loss": result.loss} | summary.used_settings(result.settings)
     return template.render(
@@ -95,8 +103,7 @@ def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = F
         long=long,
         colour=COLOURS[result.status],
         summary=summary,
-        pictures=[(name, embed(Image.fromarray(pixels))) for name, pixels in images.items()],
-        residual=residual,
+        views={camera: (view, *_embedded_pictures(view)) for camera, view in result.views.items()},
         stops=[f"rgb({r}, {g}, {b})" for r, g, b, _ in SIGNED(np.linspace(0, 1, 11), bytes=True)],
         correlation=np.where(known & known[:, None], result.uncertainty.correlation, np.nan).tolist(),
         what_if=WHAT_IF,
@@ -104,6 +111,8 @@ def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = F
         convincing=EVIDENCE,
         settings=[(name.replace("_", " "), setting_text(value)) for name, value in used.items()],
         provenance=provenance_rows(result),
+        uncounted=not all(view.counts.all() for view in result.views.values()),
+        alone=summary.alone_table(result, long),
         methods=methods_text(result, long),
         scene=scene_text,
     )

@@ -37,7 +37,7 @@ def references(result: FitResult) -> dict[str, str]:
 
 def methods_text(result: FitResult, long: bool = False) -> str:
     """A paragraph on what was fitted and how, to paste into a paper, and the numbered references below it."""
-    works, told, sure, check = references(result), result.provenance, result.uncertainty, result.check
+    works, views, sure, check = references(result), result.views.values(), result.uncertainty, result.check
     numbers = {name: f"[{k}]" for k, name in enumerate(works, start=1)}
     stated = [f"{a.name} ({number_text(a.uncertainty, 2)})" for a in check.assumptions if a.uncertainty]
     systematic = [f"the stated uncertainty of {listed(stated)}"] if stated else []
@@ -50,9 +50,9 @@ def methods_text(result: FitResult, long: bool = False) -> str:
         works=works,
         cite=numbers.get,
         listed=listed,
-        target=f"{Path(told['target']).name} " if "target" in told else "",
-        place=place_words(result),
-        counted=f"{np.count_nonzero(result.counts):,}",
+        target=_target_words(result),
+        samples_of=list(dict.fromkeys(view.target_samples for view in views)),
+        counted=f"{sum(np.count_nonzero(view.counts) for view in views):,}",
         priors=[f"{name} ({number_text(mean, 6)} ± {number_text(sd, 2)})" for name, mean, sd in result.priors],
         levels=list(level_labels(winning_steps(result)).values()),
         facts=facts(result),
@@ -61,3 +61,17 @@ def methods_text(result: FitResult, long: bool = False) -> str:
     )
     cited = (f"{numbers[name]} {work}" for name, work in works.items())
     return "\n".join([" ".join(paragraph.split()), "", *cited, ""])
+
+
+def _target_words(result: FitResult) -> str:
+    """The picture that was fitted, or those of all views: files, sizes and their hash."""
+    views, paths = result.views, result.provenance.get("target", "")
+    sizes = {camera: f"{facts(view)['pixels'][0]} pixels{place_words(view)}" for camera, view in views.items()}
+    hashed = [f"SHA-256 {result.provenance['target_sha256']}"] if "target_sha256" in result.provenance else []
+    if len(views) == 1:
+        return f"the picture {Path(paths).name} ({', '.join([*sizes.values(), *hashed])})"
+    names = [f"{Path(path).name}, " for path in paths.split(", ")]
+    # A path with a comma in it is not told from two.
+    names = names if paths and len(names) == len(views) else [""] * len(views)
+    each = [f"{camera}: {name}{size}" for name, (camera, size) in zip(names, sizes.items(), strict=True)]
+    return f"the pictures of {len(views)} views ({'; '.join([*each, *hashed])})"

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..._version import __version__
+from ...inverse.judge.views import ViewAlone
 from ...inverse.result import FitResult, FitStep
 from ...inverse.result_file import FILE, SCENE_FILE
 from ...scene.writer import save_scene
@@ -107,6 +108,28 @@ def facts(result: FitResult) -> dict[str, tuple[str, str]]:
     }
 
 
+IN_A_VIEW = ("rms residual", "typical residual", "pixels", "target's samples")
+"""Those of `facts` that judge the picture of one view; the others are of all views together."""
+
+
+def alone_table(result: FitResult, long: bool = False) -> list[tuple[str, list[str]]]:
+    """What each of several views tells alone, a row a view: its name and the numbers with their error of noise.
+
+    The last row is of all views together. It is empty where nothing is known of the views.
+    """
+    together = ViewAlone("all together", result.value, result.standard_error)
+    return [
+        (camera, [_alone_text(*numbers, long) for numbers in zip(value.tolist(), error.tolist(), strict=True)])
+        for camera, value, error in (*result.alone, together)
+        if result.alone
+    ]
+
+
+def _alone_text(value: float, error: float, long: bool) -> str:
+    # A view may give any value to what it does not determine.
+    return error_text(error) if math.isinf(error) else estimate_line(value, error, long)
+
+
 def place_words(result: FitResult) -> str:
     """Where in the whole picture the target begins, behind its size; empty for all of it."""
     crop = result.settings.crop
@@ -155,7 +178,25 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
         "versions": versions(),
         "scene": scene_text,
     }
+    if result.further_views:
+        summary["views"] = _views(result)
     return {key: strict(value) for key, value in summary.items()}
+
+
+def _views(result: FitResult) -> list[dict[str, Any]]:
+    """What `result.json` has of each of several views."""
+    alone = {
+        view.camera: {
+            name: {"value": value, "standard_error": error}
+            for name, value, error in zip(result.names, view.value, view.standard_error, strict=True)
+        }
+        for view in result.alone
+    }
+    judged = ("rms_residual", "typical_residual", "left_out", "target_samples")
+    return [
+        {"camera": camera, **{name: getattr(view, name) for name in judged}, "alone": alone.get(camera)}
+        for camera, view in result.views.items()
+    ]
 
 
 def provenance_of(result: FitResult) -> dict[str, Any]:
@@ -193,13 +234,25 @@ REST += ("report.png", "report.pdf", "report.html")
 """All files of a report but the numbers, which are small and come first."""
 
 
+def views_of(result: FitResult) -> dict[str, FitResult]:
+    """The result as each view sees it, by what the names of its files have behind `fit`: nothing if it is the only one.
+
+    They are named as `render` names the pictures of several cameras.
+    """
+    if not result.further_views:
+        return {"": result}
+    return {f"_{camera.replace('/', '%2F')}": view for camera, view in result.views.items()}
+
+
 def write_numbers(result: FitResult, folder: str | os.PathLike[str], comments: str = "") -> str:
     """Write `result.json`, whose text is returned, and `fit.txt`, and take away pictures of an earlier fit.
 
     `comments` is the text of a scene's file whose comments are kept.
     """
     folder = as_path(folder)
-    for name in REST:
+    # Of an earlier fit to several views there are pairs of pictures.
+    residuals = [path.name for path in folder.glob("residual_*.exr")]
+    for name in (*REST, *residuals, *(name.replace("residual", "fit", 1) for name in residuals)):
         with contextlib.suppress(OSError):  # One that cannot be removed cannot be replaced, which is told then.
             (folder / name).unlink()
     scene_text = save_scene(result.scene, folder / SCENE_FILE, model=result.settings.model, comments=comments)
