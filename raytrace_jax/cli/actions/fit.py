@@ -177,7 +177,7 @@ def run_fit(command: Fit) -> int:
     scene = with_angle_of_view(scene, command.target, command.assignments)
     filmed, names, _ = asked_for(scene, free, options)
     refuse_too_large(scene, settings, len(names))
-    options = as_file_says(options, command.target, scene, free)
+    options = as_file_says(options, [command.target], scene, free)
     warn_of_shared_materials(filmed, free)
     target, known = read_target(command, scene, settings, options)
 
