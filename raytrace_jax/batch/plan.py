@@ -131,14 +131,17 @@ def read_fit(file: PlanFile, scenes: PlanScenes, fixed: Values) -> list[Task]:
 
 def _read_target(file: PlanFile, given: OfViews[str]) -> Task:
     """What a target is, by its contents and by its name, and its path; of several cameras all by their names."""
-    if isinstance(given, Mapping):
-        views = {camera: _read_target(file, name) for camera, name in given.items()}
-        contents = {camera: options["target"] for camera, (options, _) in views.items()}
-        paths = {camera: path for camera, (_, path) in views.items()}
-        return {"target": contents, "target_name": "+".join(given.values())}, paths
-    path = file.path.parent.absolute() / given
-    with reworded(lambda words: file.error(("fit", "targets"), f"{words}.")):
-        return {"target": hashlib.sha256(read_bytes(path)).hexdigest(), "target_name": given}, str(path)
+    folder = file.path.parent.absolute()
+
+    def contents(name: str) -> str:
+        with reworded(lambda words: file.error(("fit", "targets"), f"{words}.")):
+            return hashlib.sha256(read_bytes(folder / name)).hexdigest()
+
+    if isinstance(given, str):
+        return {"target": contents(given), "target_name": given}, str(folder / given)
+    of_each = {camera: contents(name) for camera, name in given.items()}
+    paths = {camera: str(folder / name) for camera, name in given.items()}
+    return {"target": of_each, "target_name": "+".join(given.values())}, paths
 
 
 def _standard_deviations(scene: Scene, name: str, amount: Any) -> list[float]:

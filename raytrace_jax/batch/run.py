@@ -16,7 +16,8 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from ..errors import ParameterError, RaytraceError, one_sentence
-from ..images import jpeg, masks, pictures
+from ..images import jpeg, masks
+from ..images.pictures import is_jpeg, read_picture
 from ..images.png import write_png
 from ..inverse.build_problem import as_file_says, of_each_view
 from ..inverse.estimate import fit
@@ -103,18 +104,21 @@ def _fit(job: Job, folder: Path) -> Outcome:
     scene = set_parameters(job_scene(job, None if job.target else options["fixed"]), options["start"])
     how, truths = FitOptions(**{name: options[name] for name in OPTIONS}), None
     if job.target:
-        paths = of_each_view(scene, "a picture", job.target)
+        paths, clamps = of_each_view(scene, "a picture", job.target), job.settings.model != "physical"
         how = as_file_says(how, paths.values(), scene, options["free"])
-        views = {camera: _read_target(job, path) for camera, path in paths.items()}
+        targets = {camera: read_picture(path) for camera, path in paths.items()}
+        weights = {
+            c: masks.clipped_pixels(path, targets[c], "auto", clamps=clamps).weights for c, path in paths.items()
+        }
+        storage = {c: jpeg.jpeg_storage(path) if is_jpeg(path) else None for c, path in paths.items()}
     else:
         truths, settings = job_scene(job), dataclasses.replace(job.settings, samples=options["target_samples"])
-        rendered = {camera: render(truths.seen_by(camera), settings).image for camera in truths.cameras}
-        views = {camera: (np.asarray(image), None, None) for camera, image in rendered.items()}
-    random = np.random.default_rng(options["seed"])
-    targets, weights, storage = ({camera: view[part] for camera, view in views.items()} for part in range(3))
+        targets = {camera: np.asarray(render(truths.seen_by(camera), settings).image) for camera in truths.cameras}
+        weights = storage = None
+    random, dtype = np.random.default_rng(options["seed"]), f"float{job.precision}"
     for camera, target in targets.items():
         noise = random.normal(scale=options["noise"], size=target.shape)
-        targets[camera] = target + noise.astype(target.dtype)
+        targets[camera] = target.astype(dtype) + noise.astype(dtype)
     result = fit(scene, targets, options["free"], job.settings, options=how, weights=weights, storage=storage)
     if result.status == "interrupted":
         raise KeyboardInterrupt
@@ -126,14 +130,6 @@ def _fit(job: Job, folder: Path) -> Outcome:
             row.pop(name, None)
     write_text(numbers, json_text(summary))
     return [numbers, fitted], _estimates(result, truths)
-
-
-def _read_target(job: Job, path: str) -> tuple[np.ndarray, np.ndarray | None, jpeg.JpegStorage | None]:
-    """A target, "3 height width", the weights of its pixels, and how a JPEG has compressed it."""
-    picture = pictures.read_picture(path)
-    weights = masks.clipped_pixels(path, picture, "auto", clamps=job.settings.model != "physical").weights
-    storage = jpeg.jpeg_storage(path) if pictures.is_jpeg(path) else None
-    return picture.astype(f"float{job.precision}"), weights, storage
 
 
 def _estimates(result: FitResult, truths: Scene | None) -> dict[str, Any]:
