@@ -3,6 +3,7 @@
 from scenes import DATA
 
 HEAD = f"scenes = ['{(DATA / 'vitreous.txt').as_posix()}']\nsettings = {{ size = [16, 12], max_bounces = 1 }}\n"
+TWO_VIEWS = f"scenes = ['{(DATA / 'two_views.txt').as_posix()}']\nsettings = {{ size = [32, 24], max_bounces = 3 }}\n"
 QUICK_FIT = """[fit]
 free = ["cyan.alpha"]
 noise = [0.01]

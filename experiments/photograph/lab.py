@@ -28,7 +28,7 @@ from raytrace_jax.photo.lens import read_lens, uncalibrated, write_lens  # noqa:
 from raytrace_jax.photo.locate import locate_together  # noqa: E402
 from raytrace_jax.photo.opinions import combine  # noqa: E402
 from raytrace_jax.photo.photograph import photograph_of  # noqa: E402
-from raytrace_jax.photo.room_scene import FREE, light_options, room_scene  # noqa: E402
+from raytrace_jax.photo.room_scene import light_options, room_scene  # noqa: E402
 from raytrace_jax.util.digits import with_error  # noqa: E402
 
 CASES = ("quick", "exact", "alone", "three", "fit")
@@ -63,13 +63,13 @@ def run(number: int, case: str, folder: Path) -> dict:
     row["corners"] = [len(located.direct.pixels), len(located.through.pixels)]
     if case == "fit":
         flat = flatten(images[0], located)
-        room = room_scene(located, flat)
+        room = room_scene([located], [flat], [np.eye(len(located.covariance))], located.covariance)
         options = light_options(room)
         settings = RenderSettings(crop=flat.grid.window)
-        result = fit(room.scene, flat.image, FREE, settings, options=options, weights=flat.counts.astype(float))
+        result = fit(room.scene, flat.image, room.free, settings, options=options, weights=flat.counts.astype(float))
         found = result["ball.ior"]
         row |= {"by_corners": (index, error), "index": found.value, "error": found.error, "status": result.status}
-        both = combine(located, room, result)
+        both = combine(room, result)
         row |= {"both": both.ior, "apart": both.apart, "causes": [cause.words for cause in result.check.causes]}
     return row | {"seconds": time.monotonic() - begun}
 

@@ -36,7 +36,7 @@ from raytrace_jax.photo.geometry import Camera, Setup  # noqa: E402
 from raytrace_jax.photo.locate import locate_together  # noqa: E402
 from raytrace_jax.photo.opinions import combine  # noqa: E402
 from raytrace_jax.photo.photograph import photograph_of  # noqa: E402
-from raytrace_jax.photo.room_scene import FREE, light_options, room_scene  # noqa: E402
+from raytrace_jax.photo.room_scene import light_options, room_scene  # noqa: E402
 from raytrace_jax.util.digits import with_error  # noqa: E402
 
 CASES = ("as it is", "camera", "field", "mask", "veil", "all")
@@ -138,11 +138,13 @@ def run(number: int, case: str, folder: Path) -> dict:
         hides = flat.grid.parts(made["holder"]).max(axis=(0, 3)) > 0.01
         counts = flat.counts & ~np.asarray(ndimage.binary_dilation(hides, iterations=2), bool)
         flat = flat._replace(counts=counts, image=np.where(counts, flat.image, 0.0), through=flat.through & counts)
-    scene = room_scene(located, flat)
+    scene = room_scene([located], [flat], [np.eye(len(located.covariance))], located.covariance)
     options = light_options(scene)
     weights = flat.counts.astype(float)
-    result = fit(scene.scene, flat.image, FREE, RenderSettings(crop=flat.grid.window), options=options, weights=weights)
-    found, both = result["ball.ior"], combine(located, scene, result)
+    result = fit(
+        scene.scene, flat.image, scene.free, RenderSettings(crop=flat.grid.window), options=options, weights=weights
+    )
+    found, both = result["ball.ior"], combine(scene, result)
     place = result.names.index("ball.ior")
     noise = float(np.sqrt(result.uncertainty.covariance[place, place]))
     return {

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._version import __version__
+from ..inverse.build_problem import OfViews
 from ..scene.parameters import set_parameters
 from ..scene.reader import parse_scene
 from ..scene.scene import Scene
@@ -36,7 +37,7 @@ class Job:
     settings: ResolvedSettings
     precision: Precision
     options: Mapping[str, Any]  # All else that determines a job of its kind, as plain values that JSON can hold.
-    target: str = ""  # The target's file, for a fit that has one; its contents are among the options.
+    target: OfViews[str] = ""  # The target's file, for a fit that has one; its contents are among the options.
     varied: tuple[tuple[str, str], ...] = ()  # Names and values that are not the same in all jobs of this kind.
 
     @functools.cached_property

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from ..errors import reworded
+from ..inverse.build_problem import OfViews, of_each_view
 from ..inverse.options import FitOptions
 from ..inverse.problem.fixed import numbers_of, standard_deviation
 from ..scene.parameters import scalar_names, set_parameters
@@ -53,8 +54,9 @@ class PlanScenes:
                 scene = self.by_name[name] = load_scene(path, model=given.model)
             with reworded(self._of_scene(("settings",), f"of {name}")):
                 settings = resolve_settings(scene, given)
-            with reworded(self._of_scene(("settings", "crop"), f"of {name}")):
-                settings.window(scene.camera.pixeldim)
+            for camera in scene.cameras:
+                with reworded(self._of_scene(("settings", "crop"), f"of {name}")):
+                    settings.window(scene.seen_by(camera).camera.pixeldim)
             text, folder = format_scene(scene, model=settings.model), str(path.parent.absolute())
             self.planned[name] = PlannedScene(text, settings, folder, fingerprint(scene))
 
@@ -81,8 +83,11 @@ class FitTable(Checked):
 
     free: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', nonempty=True)]
     """The parameters to find."""
-    targets: Annotated[tuple[str, ...], Wanted("an array of file names")] = ()
-    """Files of targets; without them targets are rendered, with the values of the job."""
+    targets: Annotated[
+        tuple[str | Mapping[str, str], ...],
+        Wanted('an array of file names, or of tables, { left = "a.png", right = "b.png" }, of the scene\'s cameras'),
+    ] = ()
+    """Files of targets, of several cameras by their names; without them targets are rendered, with the job's values."""
     target_samples: Annotated[int, Wanted(least=1, most=MAX_SAMPLES)] = 4
     """N x N rays in each pixel of a rendered target."""
     noise: Annotated[tuple[float, ...], Wanted("numbers from 0 up", least=0, below=math.inf, nonempty=True)] = (0.0,)
@@ -91,7 +96,7 @@ class FitTable(Checked):
     """Of the noise."""
 
 
-Task = tuple[Mapping[str, Any], str]
+Task = tuple[Mapping[str, Any], OfViews[str]]
 """All that determines a job beside its scene, as plain values that JSON can hold, and the path of a fit's target."""
 
 
@@ -110,11 +115,9 @@ def read_fit(file: PlanFile, scenes: PlanScenes, fixed: Values) -> list[Task]:
                 scenes.each(keys, scalar_names, [parameter])
     for name, (keys, amount) in file.parameters(("fit", "uncertain")).items():
         scenes.each(keys, _standard_deviations, name, amount)
-    targets = []
-    for name in table.targets:
-        path = file.path.parent.absolute() / name
-        with reworded(lambda words: file.error(("fit", "targets"), f"{words}.")):
-            targets.append(({"target": hashlib.sha256(read_bytes(path)).hexdigest(), "target_name": name}, str(path)))
+    for given in table.targets:
+        scenes.each(("fit", "targets"), of_each_view, "a picture", given)
+    targets = [_read_target(file, given) for given in table.targets]
     common = {"free": list(table.free), "start": start, **{name: getattr(options, name) for name in OPTIONS}}
     # A rendered target takes the job's values, and the fit starts at the plan's; a file's fit starts at the job's.
     # Without noise a seed makes no difference.
@@ -124,6 +127,21 @@ def read_fit(file: PlanFile, scenes: PlanScenes, fixed: Values) -> list[Task]:
         for sigma in table.noise
         for seed in (table.seeds if sigma > 0 else (None,))
     ]
+
+
+def _read_target(file: PlanFile, given: OfViews[str]) -> Task:
+    """What a target is, by its contents and by its name, and its path; of several cameras all by their names."""
+    folder = file.path.parent.absolute()
+
+    def contents(name: str) -> str:
+        with reworded(lambda words: file.error(("fit", "targets"), f"{words}.")):
+            return hashlib.sha256(read_bytes(folder / name)).hexdigest()
+
+    if isinstance(given, str):
+        return {"target": contents(given), "target_name": given}, str(folder / given)
+    of_each = {camera: contents(name) for camera, name in given.items()}
+    paths = {camera: str(folder / name) for camera, name in given.items()}
+    return {"target": of_each, "target_name": "+".join(given.values())}, paths
 
 
 def _standard_deviations(scene: Scene, name: str, amount: Any) -> list[float]:

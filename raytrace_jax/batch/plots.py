@@ -1,5 +1,6 @@
 """The plots of a batch's page: estimates against truths, and what each axis of the plan does."""
 
+import collections
 import io
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -33,8 +34,10 @@ def plots_of(kind: JobKind, jobs: Sequence[Ended]) -> list[Plot]:
     results = list(dict.fromkeys(name for _, record in done for name in record.results))
     if kind == "fit":
         return [plot for name in results if name + TOTAL in results for plot in _of_estimate(name, done, axes)]
-    groups = [results] if kind == "render" else [[name] for name in results]
-    return [_of_means(names, done, axis, cells) for names in groups for axis, cells in axes.items()]
+    groups = collections.defaultdict[str, list[str]](list)
+    for name in results:
+        groups[name.rpartition(".")[0] if kind == "render" else name].append(name)
+    return [_of_means(of, names, done, axis, cells) for of, names in groups.items() for axis, cells in axes.items()]
 
 
 def _axes(jobs: Sequence[Job]) -> dict[str, list[TableCell]]:
@@ -64,9 +67,9 @@ def _of_estimate(name: str, done: Sequence[Ended], axes: dict[str, list[TableCel
         yield _plot(figure, f"{'Misses' if known else 'Estimates'} of {short} against {axis}")
 
 
-def _of_means(names: Sequence[str], done: Sequence[Ended], axis: str, cells: Sequence[TableCell]) -> Plot:
+def _of_means(of: str, names: Sequence[str], done: Sequence[Ended], axis: str, cells: Sequence[TableCell]) -> Plot:
     """Mean colours, or a mean derivative, against an axis; what else varies spreads them."""
-    of = names[0] if len(names) == 1 else "mean of r, g, b"
+    of = of if len(names) == 1 else f"{of} of r, g, b"
     figure, ax = _panel(axis, of)
     places = _places(ax, cells)
     for name in names:

@@ -6,7 +6,7 @@ import json
 import logging
 import signal
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -16,13 +16,14 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from ..errors import ParameterError, RaytraceError, one_sentence
-from ..images import jpeg, masks, pictures
+from ..images import jpeg, masks
+from ..images.pictures import is_jpeg, read_picture
 from ..images.png import write_png
-from ..inverse.build_problem import as_file_says
+from ..inverse.build_problem import as_file_says, of_each_view
 from ..inverse.estimate import fit
 from ..inverse.options import FitOptions
 from ..inverse.result import FitResult
-from ..report.films import write_derivatives, write_film
+from ..report.films import view_paths, write_derivatives, write_film
 from ..report.fit_report.summary import summarize
 from ..scene.parameters import set_parameters
 from ..scene.scene import Scene
@@ -98,23 +99,27 @@ Outcome = tuple[list[Path], Mapping[str, float | str | None]]
 
 
 def _fit(job: Job, folder: Path) -> Outcome:
-    options, path = job.options, job.target
+    options = job.options
     # A rendered target has the job's values, and the search for them begins at those of the scene.
-    scene = set_parameters(job_scene(job, None if path else options["fixed"]), options["start"])
-    how, weights, storage = FitOptions(**{name: options[name] for name in OPTIONS}), None, None
-    truths = None
-    if path:
-        how, picture = as_file_says(how, path, scene, options["free"]), pictures.read_picture(path)
-        weights = masks.clipped_pixels(path, picture, "auto", clamps=job.settings.model != "physical").weights
-        storage = jpeg.jpeg_storage(path) if pictures.is_jpeg(path) else None
-        target = picture.astype(f"float{job.precision}")
+    scene = set_parameters(job_scene(job, None if job.target else options["fixed"]), options["start"])
+    how, truths = FitOptions(**{name: options[name] for name in OPTIONS}), None
+    if job.target:
+        paths, clamps = of_each_view(scene, "a picture", job.target), job.settings.model != "physical"
+        how = as_file_says(how, paths.values(), scene, options["free"])
+        targets = {camera: read_picture(path) for camera, path in paths.items()}
+        weights = {
+            c: masks.clipped_pixels(path, targets[c], "auto", clamps=clamps).weights for c, path in paths.items()
+        }
+        storage = {c: jpeg.jpeg_storage(path) if is_jpeg(path) else None for c, path in paths.items()}
     else:
-        settings = dataclasses.replace(job.settings, samples=options["target_samples"])
-        target = np.asarray(render(job_scene(job), settings).image)
-        truths = job_scene(job)
-    noise = np.random.default_rng(options["seed"]).normal(scale=options["noise"], size=target.shape)
-    target = target + noise.astype(target.dtype)
-    result = fit(scene, target, options["free"], job.settings, options=how, weights=weights, storage=storage)
+        truths, settings = job_scene(job), dataclasses.replace(job.settings, samples=options["target_samples"])
+        targets = {camera: np.asarray(render(truths.seen_by(camera), settings).image) for camera in truths.cameras}
+        weights = storage = None
+    random, dtype = np.random.default_rng(options["seed"]), f"float{job.precision}"
+    for camera, target in targets.items():
+        noise = random.normal(scale=options["noise"], size=target.shape)
+        targets[camera] = target.astype(dtype) + noise.astype(dtype)
+    result = fit(scene, targets, options["free"], job.settings, options=how, weights=weights, storage=storage)
     if result.status == "interrupted":
         raise KeyboardInterrupt
     fitted, numbers = (folder / file_name(job) / name for name in ("fit.txt", "result.json"))
@@ -131,7 +136,8 @@ def _estimates(result: FitResult, truths: Scene | None) -> dict[str, Any]:
     """The numbers of the table, with those of the target's scene, if there is one; None for infinite and no numbers."""
     numbers: dict[str, Any] = {"fit.status": result.status}
     numbers["fit.causes"] = "; ".join(cause.words for cause in result.check.causes) or None
-    numbers["fit.rms_residual"] = result.rms_residual
+    for camera, view in result.views.items():
+        numbers[f"fit.rms_residual.{camera}" if result.further_views else "fit.rms_residual"] = view.rms_residual
     for row in result.parameters.values():
         errors = {f"fit.{row.name}{OF_NOISE}": row.standard_error, f"fit.{row.name}{TOTAL}": row.error}
         numbers |= {f"fit.{row.name}": row.value, **errors}
@@ -148,21 +154,31 @@ def run_job(job: Job, folder: Path) -> JobRecord:
 
 
 def _render(job: Job, folder: Path) -> Outcome:
-    scene = job_scene(job)
-    film = render(scene, job.settings)
-    # Not by with_suffix: there are dots in the name.
-    picture, preview = (folder / f"{file_name(job)}{suffix}" for suffix in (".exr", ".png"))
-    write_film(picture, film, scene, job.settings, half=False)
-    write_png(preview, film.image)
-    return [picture, preview], {f"mean.{letter}": _mean(plane) for letter, plane in zip("rgb", film.image, strict=True)}
+    outputs, results = list[Path](), dict[str, float | str | None]()
+    for scene, path, mean in _views(job, folder):
+        film, preview = render(scene, job.settings), path.with_suffix(".png")
+        write_film(path, film, scene, job.settings, half=False)
+        write_png(preview, film.image)
+        outputs += [path, preview]
+        results |= {f"{mean}.{letter}": _mean(plane) for letter, plane in zip("rgb", film.image, strict=True)}
+    return outputs, results
 
 
 def _gradient(job: Job, folder: Path) -> Outcome:
+    outputs, results = list[Path](), dict[str, float | str | None]()
+    for scene, path, mean in _views(job, folder):
+        found = picture_derivatives(scene, job.options["wrt"], job.settings)
+        write_derivatives(path, found, scene, job.settings)
+        outputs.append(path)
+        results |= {f"{mean}.d.{name}": _mean(each) for name, each in zip(found.names, found.values, strict=True)}
+    return outputs, results
+
+
+def _views(job: Job, folder: Path) -> Iterator[tuple[Scene, Path, str]]:
+    """The scene as each camera sees it, the file of its picture, and how the names of its means begin."""
     scene = job_scene(job)
-    found = picture_derivatives(scene, job.options["wrt"], job.settings)
-    path = folder / f"{file_name(job)}.exr"
-    write_derivatives(path, found, scene, job.settings)
-    return [path], {f"mean.d.{name}": _mean(values) for name, values in zip(found.names, found.values, strict=True)}
+    for camera, path in view_paths(folder / f"{file_name(job)}.exr", scene).items():
+        yield scene.seen_by(camera), path, f"mean.{camera}" if scene.further_views else "mean"
 
 
 def _mean(values: ArrayLike) -> float:

@@ -82,9 +82,9 @@ def _table(kind: JobKind, jobs: Sequence[tuple[Job, JobRecord]]) -> dict[str, ob
         files = [(quote(path), Path(path)) for path in record.outputs]
         rows.append(
             {
-                "picture": next((address for address, path in files if path.suffix == ".png"), None),
-                # The fits' files are named by what is in them, the others by their job.
-                "files": [(address, path.name if kind == "fit" else path.suffix[1:]) for address, path in files],
+                "pictures": [address for address, path in files if path.suffix == ".png"],
+                # The fits' files are named by what is in them, the others by their job and then their camera.
+                "files": [(a, p.name if kind == "fit" else p.name.partition(job.name[:8])[2][1:]) for a, p in files],
                 "about": ", ".join(f"{name} = {value}" for name, value in job.varied),
                 "values": [dict(job.varied).get(name, "") for name in varied],
                 "status": record.status,

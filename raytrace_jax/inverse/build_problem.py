@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -194,7 +194,17 @@ def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[S
     return set_parameters(scene, values), names, ties
 
 
-def as_file_says(options: FitOptions, target: str | os.PathLike[str], scene: Scene, free: Sequence[str]) -> FitOptions:
-    """The options with what a target's file says of how it was made, where nothing else was said; may warn."""
-    origin, (filmed, names, _) = read_origin(target), asked_for(scene, free, options)
-    return with_known_offsets(options.as_made(origin.how_made), filmed, names, origin.maker)
+def as_file_says(
+    options: FitOptions, targets: Iterable[str | os.PathLike[str]], scene: Scene, free: Sequence[str]
+) -> FitOptions:
+    """The options with what the targets' files say of how they were made, where nothing else was said; may warn.
+
+    The sampling is taken where all files say the same.
+    """
+    origins, (filmed, names, _) = [read_origin(target) for target in targets], asked_for(scene, free, options)
+    made = [options.as_made(origin.how_made) for origin in origins]
+    if len({(one.target_samples, one.target_sampling) for one in made}) == 1:
+        options = made[0]
+    for maker in dict.fromkeys(origin.maker for origin in origins):
+        options = with_known_offsets(options, filmed, names, maker)
+    return options

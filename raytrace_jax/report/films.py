@@ -2,6 +2,7 @@
 
 import dataclasses
 from os import PathLike
+from pathlib import Path
 
 import numpy as np
 
@@ -68,6 +69,14 @@ def write_derivatives(
     for name, values in layers.items():
         channels |= {f"{name}.{letter}": plane for letter, plane in zip("RGB", values, strict=True)}
     write_exr(path, channels, metadata=metadata)
+
+
+def view_paths(path: Path, scene: Scene) -> dict[str, Path]:
+    """The file of each camera's picture: `path` of the only one, of several `picture_left.exr` and so on."""
+    if not scene.further_views:
+        return {scene.camera.name: path}
+    # A file's name has no slash.
+    return {name: path.with_stem(f"{path.stem}_{name.replace('/', '%2F')}") for name in scene.cameras}
 
 
 def screen_transfer(settings: ResolvedSettings) -> Transfer:

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from batch_plans import HEAD, QUICK_FIT
+from batch_plans import HEAD, QUICK_FIT, TWO_VIEWS
 from command_line import run
 from fake_fit import fake_result, full_result
 from rich.console import Console
-from scenes import assignment_scene
+from scenes import DATA, assignment_scene
 
 from raytrace_jax import (
     RenderSettings,
@@ -27,6 +27,9 @@ from raytrace_jax import (
 )
 from raytrace_jax.batch.run import JobRecord, run_job
 from raytrace_jax.cli.actions.batch import BatchProgress
+from raytrace_jax.images.exr import write_exr
+from raytrace_jax.report.films import how_made
+from raytrace_jax.tracer.settings import resolve_settings
 
 SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
 FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"
@@ -36,8 +39,8 @@ FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"
 def batch(tmp_path, capsys):
     """Run a plan's text: exit code, rows of the table, stdout and stderr."""
 
-    def run_plan(text, *more):
-        (tmp_path / "plan.toml").write_text(HEAD + text)
+    def run_plan(text, *more, head=HEAD):
+        (tmp_path / "plan.toml").write_text(head + text)
         code = run("batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out"), *more)
         captured = capsys.readouterr()
         table = tmp_path / "out" / "results.csv"
@@ -88,6 +91,53 @@ def test_a_batch_gives_the_librarys_results(batch, tmp_path):
     assert float(fitted.materials.ior[3]) == 1.337
     assert float(fitted.materials.alpha[3]) == summary["parameters"]["cyan.alpha"]["value"]
     assert (estimate["noise"], estimate["seed"], estimate["target"]) == ("0.01", "0", "")
+
+
+@pytest.mark.slow
+def test_each_camera_has_its_pictures_and_a_fit_takes_all(batch, tmp_path):
+    out, asked = tmp_path / "out", "[render]\n[gradient]\nwrt = ['glass.ior']\nedges = 'point'\n"
+    fit = QUICK_FIT.replace("cyan.alpha", "glass.ior") + "start.glass.ior = 1.49\n"
+    code, rows, *_ = batch(asked + fit, head=TWO_VIEWS)
+    assert code == 0
+    picture, derivative, estimate = rows
+    scene, settings = load_scene(DATA / "two_views.txt"), RenderSettings(size=(32, 24), max_bounces=3)
+    for camera in ("left", "right"):
+        image = np.asarray(render(scene.seen_by(camera), settings).image)
+        [path] = (out / "render").glob(f"two_views_{picture['job'][:8]}_{camera}.exr")
+        np.testing.assert_array_equal(read_picture(path), image.astype(np.float32))
+        assert path.with_suffix(".png").exists()
+        assert float(picture[f"mean.{camera}.g"]) == pytest.approx(image[1].mean(), rel=1e-12)
+        [path] = (out / "gradient").glob(f"*_{camera}.exr")
+        layer = read_exr(path).channels["d.glass.ior.G"]
+        assert np.isfinite(float(derivative[f"mean.{camera}.d.glass.ior"])) and layer.any()
+        assert 0 < float(estimate[f"fit.rms_residual.{camera}"]) < 0.02
+    error = float(estimate["fit.glass.ior.total_error"])
+    assert abs(float(estimate["fit.glass.ior"]) - float(estimate["fit.glass.ior.truth"])) < 4 * error < 0.1
+    page = (out / "index.html").read_text()
+    assert page.count(' loading="lazy"') == 2 and ">left.exr</a>" in page and ">right.png</a>" in page
+    assert "<th>mean.right.r</th>" in page
+
+
+def test_files_of_two_views_are_read_with_what_both_say(batch, tmp_path, replace):
+    scene, given = load_scene(DATA / "two_views.txt"), {}
+
+    def fit(scene, target, *_, options, **__):
+        given.update(target=target, options=options)
+        return fake_result()
+
+    replace("fit", fit)
+    for name, samples in (("left", 2), ("right", 2), ("other", 3)):
+        settings = resolve_settings(scene, RenderSettings(size=(32, 24), samples=samples))
+        image = np.full((3, 24, 32), 0.5)
+        write_exr(tmp_path / f"{name}.exr", dict(zip("RGB", image, strict=True)), metadata=how_made(scene, settings))
+    plan = "[fit]\nfree = ['glass.ior']\nnoise = [0.01]\ntargets = [{left = 'left.exr', right = 'NAME.exr'}]\n"
+    assert batch(plan.replace("NAME", "right"), head=TWO_VIEWS)[0] == 0
+    assert given["options"].target_samples == 2
+    noises = [target - 0.5 for target in given["target"].values()]
+    assert list(given["target"]) == ["left", "right"] and [noise.shape for noise in noises] == [(3, 24, 32)] * 2
+    assert np.std(noises) == pytest.approx(0.01, rel=0.1) and np.abs(np.corrcoef(*map(np.ravel, noises))[0, 1]) < 0.1
+    assert batch(plan.replace("NAME", "other"), head=TWO_VIEWS)[0] == 0
+    assert given["options"].target_samples is None
 
 
 def test_only_what_changed_is_run_again(batch, tmp_path, replace):

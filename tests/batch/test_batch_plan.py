@@ -9,7 +9,7 @@ import pytest
 from scenes import DATA
 
 from raytrace_jax import format_scene, load_scene, write_png
-from raytrace_jax.batch.jobs import Job, expand, job_scene
+from raytrace_jax.batch.jobs import Job, expand, file_name, job_cells, job_scene
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
 from raytrace_jax.tracer.settings import ResolvedSettings
@@ -20,6 +20,7 @@ HEAD = 'scenes = ["ball.txt"]\n'
 @pytest.fixture
 def folder(tmp_path):
     (tmp_path / "ball.txt").write_text((DATA / "vitreous.txt").read_text())
+    (tmp_path / "two.txt").write_text((DATA / "two_views.txt").read_text())
     (tmp_path / "broken.txt").write_text("camera {")
     return tmp_path
 
@@ -60,6 +61,16 @@ BAD = [
     (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.start]\n"cyan.ior" = 0', ['fit.start."cyan.ior"', "greater than 0"]),
     (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.ties]\n"cyan.alfa" = "cyan.ior"', ["'alpha'?"]),
     (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.priors]\n"cyan.ior" = [1.3, 0]', ["fit.priors: is {'cyan.ior': [1.3,"]),
+]
+
+TWO = 'scenes = ["two.txt"]\n[fit]\nfree = ["glass.ior"]\n'
+BAD += [
+    (TWO + 'targets = ["a.png"]', ["fit.targets: ", "cameras left, right: a picture of each", "(in two.txt)"]),
+    (TWO + 'targets = [{left = "a.png"}]', ["fit.targets: ", "no picture of the camera right"]),
+    (TWO + 'targets = [{left = "a.png", rihgt = "b.png"}]', ["a picture of 'rihgt'", "Did you mean 'right'?"]),
+    (TWO + 'targets = [{left = "a.png", right = "b.png"}]', ["fit.targets: ", "a.png: there is no such file"]),
+    (TWO + 'targets = [{left = 1, right = "b.png"}]', ["an array of file names, or of tables, { left ="]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\ntargets = [{left = "a.png"}]', ["a picture of 'left'", "(in ball.txt)"]),
 ]
 
 
@@ -123,6 +134,20 @@ def test_fits_cover_targets_noise_and_seeds(folder):
     jobs = jobs_of(folder, text + 'targets = ["one.png", "two.png"]')
     assert [job.options["target_name"] for job in jobs] == ["one.png"] * 3 + ["two.png"] * 3
     assert [job.target for job in jobs] == [str(folder / "one.png")] * 3 + [str(folder / "two.png")] * 3
+
+
+def test_a_target_of_two_views_is_known_by_all_its_files(folder):
+    def job(left, right, targets='{right = "right.png", left = "left.png"}'):
+        for name, grey in (("left.png", left), ("right.png", right)):
+            write_png(folder / name, jax.numpy.full((3, 4, 5), grey))
+        [job] = jobs_of(folder, f"{TWO}targets = [{targets}]")
+        return job
+
+    first = job(0.5, 0.6)
+    assert first.target == {name: str(folder / f"{name}.png") for name in ("left", "right")}
+    assert job_cells(first)["target"] == "right.png+left.png"
+    assert file_name(first) == f"two_{first.name[:8]}"
+    assert job(0.5, 0.6).name == first.name and len({first.name, job(0.6, 0.5).name, job(0.5, 0.5).name}) == 3
 
 
 def test_the_scene_file_fills_in_the_plan(folder):

@@ -13,7 +13,7 @@ from ...exchange.export import export_scene
 from ...exchange.mitsuba.load import import_scene
 from ...images.masks import bad_pixels, blackened, mask_in_words
 from ...images.png import write_png
-from ...report.films import how_made, screen_transfer, write_film
+from ...report.films import how_made, screen_transfer, view_paths, write_film
 from ...scene import parameters
 from ...scene.bundled import bundled_scenes, scene_path
 from ...scene.parameters import Block, material_of
@@ -57,9 +57,7 @@ def run_render(command: Render) -> int:
     if command.camera is not None or not scene.further_views:
         outputs = {scene.camera.name: command.output}
     else:
-        # A file's name has no slash.
-        stems = {name: f"{command.output.stem}_{name.replace('/', '%2F')}" for name in scene.cameras}
-        outputs = {name: command.output.with_stem(stem) for name, stem in stems.items()}
+        outputs = view_paths(command.output, scene)
         told = f"a picture of each, {listed(path.name for path in outputs.values())}; --camera NAME renders one"
         stderr_console(command.quiet).print(f"cameras {listed(outputs)}: {told}")
         for path in outputs.values():
