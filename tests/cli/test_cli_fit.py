@@ -32,7 +32,7 @@ TARGET = np.random.default_rng(0).uniform(size=(3, 30, 40))
 
 
 def options_of(**texts):
-    return Fit(scene=VITREOUS, target=VITREOUS, free=(), output=VITREOUS, **texts).fit_options()
+    return Fit(scene=VITREOUS, target=(str(VITREOUS),), free=(), output=VITREOUS, **texts).fit_options()
 
 
 def test_ties_and_priors_are_read():
@@ -237,7 +237,7 @@ def test_an_unmarked_png_is_read_as_nearest(
     pixels = np.moveaxis(ENCODERS[transfer](truth * (1.3 if exposure else 1)), 0, -1)
     Image.fromarray(pixels).save(tmp_path / "target.png")
     seen = []
-    replace_work("fit.fit", lambda *given, **_: seen.append(given[1]) or fake_result())
+    replace_work("fit.fit", lambda *_, target, **__: seen.extend(target.values()) or fake_result())
     start = truth + np.random.default_rng(4).normal(scale=0.02, size=truth.shape)
     monkeypatch.setattr("raytrace_jax.cli.actions.fit.supersampled", lambda problem, y, samples: start)
     assert run(*arguments, *FREE, *exposure, *(["--transfer", told] if told else [])) == 0

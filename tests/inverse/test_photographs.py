@@ -10,7 +10,6 @@ from PIL import Image
 from scenes import DATA, assignment_scene
 
 from raytrace_jax import (
-    FitOptions,
     FitResult,
     PictureError,
     RenderSettings,
@@ -23,7 +22,7 @@ from raytrace_jax import (
     write_png,
 )
 from raytrace_jax.cli import main
-from raytrace_jax.cli.actions.fit import read_target, seen_part, with_angle_of_view
+from raytrace_jax.cli.actions.fit import read_targets, seen_part, with_angle_of_view
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.images.masks import clipped_pixels
 from raytrace_jax.scene.structs import USUAL_FOV
@@ -152,10 +151,10 @@ def test_a_whole_target_is_cropped():
 def test_target_and_mask_are_cropped(tmp_path, capsys):
     scene, path = assignment_scene(), stored(tmp_path / "a.tif")
     Image.fromarray(np.full((12, 16), 51, np.uint8)).save(tmp_path / "mask.png")
-    files = {"scene": tmp_path / "scene.txt", "target": path, "mask": tmp_path / "mask.png", "output": tmp_path}
-    command = Fit(**files, free=("vitreous.ior",), transfer="srgb")
-    target, known = read_target(command, scene, resolved(scene), FitOptions())
-    weights = known["weights"]
+    files = {"scene": tmp_path / "scene.txt", "target": (str(path),), "mask": (str(tmp_path / "mask.png"),)}
+    command, camera = Fit(**files, output=tmp_path, free=("vitreous.ior",), transfer=("srgb",)), scene.camera.name
+    read = read_targets(command, command.files([camera]), scene, {camera: resolved(scene)})
+    target, weights = read.target[camera], read.weights[camera]
     assert target.shape == (3, 6, 8)
     assert weights[0, 2] == 0 and weights[4, 7] == 0, "the saturated and the black one"
     assert np.sum(weights == 0.2) == 46
