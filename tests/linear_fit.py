@@ -25,7 +25,7 @@ class LinearScene(Scene):
     A type of its own: programs compiled for it are kept apart from those of scenes that are traced.
     """
 
-    columns: Float[Array, "parameters 3 height width"]
+    columns: Float[Array, "parameters 3 height width"] = dataclasses.field(kw_only=True)
 
 
 @functools.partial(jax.jit, static_argnames="unknowns")

@@ -81,7 +81,7 @@ def fit(
     """
     refuse_other(options, FitOptions)
     each = settings if isinstance(settings, Mapping) else dict.fromkeys(scene.cameras, settings)
-    resolved = {name: resolve_settings(scene, one) for name, one in each.items()}
+    resolved = {name: resolve_settings(scene, one) for name, one in (dict.fromkeys(scene.cameras) | each).items()}
     setup = build_problem(scene, target, free, resolved, options, weights, storage)
     setup = setup._replace(problem=setup.problem.in_own_unit())
     if options.sigma is not None:
