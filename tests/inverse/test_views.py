@@ -1,12 +1,15 @@
 """One scene and several pictures: what the views tell together, alone, and where one of them does not fit in."""
 
 import dataclasses
+from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array, Float
 from linear_fit import LinearScene, differentiate, linear_names, points_of
+from PIL import Image
 from scipy import ndimage
 
 from raytrace_jax import (
@@ -16,9 +19,13 @@ from raytrace_jax import (
     RenderSettings,
     covariance,
     fit,
+    load_scene,
     make_residual,
     parse_scene,
+    render,
+    set_parameters,
 )
+from raytrace_jax.images.jpeg import jpeg_storage
 from raytrace_jax.inverse.problem.prediction import ForwardModel, forward_model
 from raytrace_jax.scene.scene import Scene
 
@@ -253,3 +260,88 @@ def test_settings_may_be_of_some_views():
     assert found.views["left"].settings.max_bounces == 0
     with pytest.raises(ParameterError, match="settings of 'middle'"):
         fit(SCENE, PICTURES, list(NAMES), {"middle": POINT}, options=options)
+
+
+def test_a_jpeg_is_a_views_own(tmp_path):
+    """What its blocks change is no noise of the other view, and its residuals go together in blocks of its own."""
+    Image.fromarray(np.zeros((*SIZES["right"], 3), np.uint8)).save(tmp_path / "a.jpg", quality=90, subsampling=0)
+    storage = jpeg_storage(tmp_path / "a.jpg")
+    columns = {name: 0.05 * part for name, part in COLUMNS.items()}
+    columns = {name: part + np.array([0, 0, 0.4]).reshape(3, 1, 1, 1) for name, part in columns.items()}
+    pictures = {name: noisy(part, TRUTH, 0.01, seed=5) for name, part in columns.items()}
+    pictures["right"] = storage.compress(storage.encode(pictures["right"]))
+    found = fitted(pictures, linear_views(columns), storage={"right": storage})
+    assert found.status == "converged", found.message
+    assert np.all(np.abs(found.value - TRUTH) < 4 * found.standard_error)
+
+
+def test_time_that_is_over():
+    found = fitted(max_seconds=1e-3)
+    assert found.status == "interrupted"
+    assert all(view.image is None for view in found.views.values())
+    np.testing.assert_array_equal(found.views["right"].target, PICTURES["right"])
+
+
+BALL = """
+camera left { pixeldim 16 12 viewpoint -2 0 4.5 lookat 0 0 0 up 0 1 0 fov 40 }
+camera right { pixeldim 20 16 viewpoint 2 0 4.5 lookat 0 0 0 up 0 1 0 fov 40 }
+light lamp { location 3 4 8 emissivity 1 1 1 }
+material clay { ambient 0.1 0.1 0.1 diffuse 0.7 0.6 0.5 }
+sphere ball { material clay center 0 0 0 radius 1 }
+"""
+OF_BALL = ["ball.center.x", "ball.radius", "right.viewpoint.x"]
+"""What both views see, and what is one camera's."""
+
+
+@pytest.fixture(scope="module")
+def loop():
+    scene = parse_scene(BALL, dtype=jnp.float64)
+    settings = RenderSettings(max_bounces=0, edges="point")
+    random = np.random.default_rng(0)
+    targets = {name: random.uniform(size=(3, *scene.seen_by(name).camera.pixeldim[::-1])) for name in scene.cameras}
+    return scene, settings, targets, make_residual(scene, targets, OF_BALL, settings)
+
+
+def test_a_residual_is_each_picture_minus_its_target(loop):
+    scene, settings, targets, problem = loop
+    found = jax.jit(problem.residual)(problem.start)
+    assert len(found) == 2
+    for camera, residual in zip(scene.cameras, found, strict=True):
+        image = render(scene.seen_by(camera).alone(), settings).image
+        np.testing.assert_allclose(residual, image - targets[camera], atol=1e-12)
+
+
+def test_a_residuals_derivative_has_all_views(loop):
+    problem = loop[-1]
+
+    def flat(y):
+        return jnp.concatenate([part.ravel() for part in problem.residual(y)])
+
+    y, step, of_left = problem.start + 0.01, 1e-5, 3 * 16 * 12
+    at = jax.jit(flat)
+    forward = jax.jit(jax.jacfwd(flat))(y)
+    differences = np.stack([(at(y + step * e) - at(y - step * e)) / (2 * step) for e in np.eye(3)], axis=1)
+    np.testing.assert_allclose(forward, differences, atol=1e-6)
+    pull = np.random.default_rng(1).normal(size=len(forward))
+    np.testing.assert_allclose(jax.jit(jax.grad(lambda y: flat(y) @ pull))(y), pull @ forward, atol=1e-10)
+    # A number of one camera moves its view alone.
+    assert np.all(forward[:of_left, 2] == 0)
+    assert np.all(np.any(np.asarray(forward[of_left:]), axis=0))
+
+
+@pytest.mark.slow
+@pytest.mark.optimized
+def test_two_views_of_glass_find_its_index():
+    """A whole fit with its search: two views know the ball's distance three times as well as each of them."""
+    scene = load_scene(Path(__file__).parents[2] / "data/two_views.txt")
+    truth = set_parameters(scene, {"glass.ior": 1.5168, "glass.center": (0.12, -0.07, 0.15)})
+    size, pictures = (96, 72), {}
+    for seed, name in enumerate(scene.cameras):
+        image = np.asarray(render(truth.seen_by(name).alone(), RenderSettings(size=size, samples=4)).image)
+        pictures[name] = image + np.random.default_rng(seed).normal(size=image.shape) / 255
+    found = fit(scene, pictures, ["glass.ior", "glass.center"], RenderSettings(size=size))
+    assert found.status == "converged", found.message
+    assert np.all(np.abs(found.value - [1.5168, 0.12, -0.07, 0.15]) < 4 * found.standard_error)
+    for view in found.alone:
+        assert np.all(found.standard_error < view.standard_error)
+        assert found.standard_error[3] < view.standard_error[3] / 3
