@@ -304,7 +304,7 @@ def loop():
 
 def test_a_residual_is_each_picture_minus_its_target(loop):
     scene, settings, targets, problem = loop
-    found = jax.jit(problem.residual)(problem.start)
+    found = jax.jit(lambda y: problem.residual(y))(problem.start)
     assert len(found) == 2
     for camera, residual in zip(scene.cameras, found, strict=True):
         image = render(scene.seen_by(camera).alone(), settings).image
@@ -321,7 +321,7 @@ def test_a_residuals_derivative_has_all_views(loop):
     at = jax.jit(flat)
     forward = jax.jit(jax.jacfwd(flat))(y)
     differences = np.stack([(at(y + step * e) - at(y - step * e)) / (2 * step) for e in np.eye(3)], axis=1)
-    np.testing.assert_allclose(forward, differences, atol=1e-6)
+    np.testing.assert_allclose(forward, differences, atol=1e-5)
     pull = np.random.default_rng(1).normal(size=len(forward))
     np.testing.assert_allclose(jax.jit(jax.grad(lambda y: flat(y) @ pull))(y), pull @ forward, atol=1e-10)
     # A number of one camera moves its view alone.
