@@ -10,7 +10,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from ..errors import ParameterError
+from ..errors import ParameterError, PictureError
 from ..images.jpeg import JpegStorage
 from ..images.pictures import read_origin
 from ..scene.checks import check_values
@@ -116,7 +116,12 @@ def build_problem(
         refuse_too_large(view.alone(), each_settings[name], len(free))
 
     # What was observed: how large its light is says how large the numbers are that light is free with.
-    observed = {name: observe(targets[name], masks[name], view, each_settings[name]) for name, view in seen.items()}
+    observed = {}
+    for name, view in seen.items():
+        try:
+            observed[name] = observe(targets[name], masks[name], view, each_settings[name])
+        except PictureError as reason:
+            raise PictureError(f"the camera {name}: {reason}" if len(seen) > 1 else str(reason)) from None
     first, model = observed[scene.camera.name], each_settings[scene.camera.name].model
     unknowns = make_unknowns(scene, free, ties, model=model, light=first.light_unit)
 

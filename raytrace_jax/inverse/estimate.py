@@ -80,7 +80,8 @@ def fit(
             free number changes is elsewhere in the target.
     """
     refuse_other(options, FitOptions)
-    each = settings if isinstance(settings, Mapping) else dict.fromkeys(scene.cameras, settings)
+    names = [*scene.cameras, *settings] if isinstance(settings, Mapping) else scene.cameras
+    each = {name: settings.get(name) if isinstance(settings, Mapping) else settings for name in names}
     resolved = {name: resolve_settings(scene, one) for name, one in each.items()}
     setup = build_problem(scene, target, free, resolved, options, weights, storage)
     setup = setup._replace(problem=setup.problem.in_own_unit())

@@ -10,7 +10,7 @@ from .judge.structure import explains, vuong_evidence
 from .judge.uncertainty import Uncertainty
 from .judge.views import ViewAlone
 from .problem.problem import FitState, Problem
-from .problem.unknowns import Image, Vector
+from .problem.unknowns import Images, Vector
 from .result import FitStep, Minimum, Profile
 
 Record = Callable[[float, bool, Vector], None]
@@ -22,7 +22,7 @@ class LocalMinimum(NamedTuple):
 
     summary: Minimum
     y: Vector
-    residual: tuple[Image, ...]
+    residual: Images
 
     @classmethod
     def of(cls, state: FitState, candidate: int, level: int) -> "LocalMinimum":
@@ -30,7 +30,7 @@ class LocalMinimum(NamedTuple):
         value, rms = state.problem.values(state.y), state.rms_residual * state.problem.unit
         return cls(Minimum(candidate, value, rms, level, explains(state), 0.0), state.y, state.residuals)
 
-    def judged_against(self, best: tuple[Image, ...]) -> "LocalMinimum":
+    def judged_against(self, best: Images) -> "LocalMinimum":
         """A copy with the evidence that a better residual is better."""
         return self._replace(summary=dataclasses.replace(self.summary, evidence=vuong_evidence(best, self.residual)))
 
@@ -55,7 +55,7 @@ class Findings:
     unseen: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     profiles: tuple[Profile, ...] = ()
     check: ModelCheck | None = None
-    start_images: tuple[Image, ...] = ()
+    start_images: Images = ()
     alone: tuple[ViewAlone, ...] = ()
 
 

@@ -158,7 +158,7 @@ class ModelCheck:
     def looks(self) -> str:
         """What the residual looks like, after what is displaced, as the end of a sentence; empty without a cause."""
         causes = listed(cause.words for cause in self.causes)
-        return self.displaced + (f". The residual looks like {causes}" if causes else "")
+        return self.displaced + (f". The residual looks like {causes}" if self.causes else "")
 
     def dependence(self, parameter: int, name: str, error: float) -> Dependence | None:
         """What an estimate with an error depends on most, of the numbers without a stated uncertainty."""

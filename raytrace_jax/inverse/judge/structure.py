@@ -9,7 +9,7 @@ from scipy import ndimage
 from ...util.numerics import TINY, solve_normal
 from ..problem.observation import Observation
 from ..problem.problem import FitState
-from ..problem.unknowns import Covariance, Image, Mask, PixelJacobian
+from ..problem.unknowns import Covariance, Image, Images, Mask
 
 BLOCK = 4
 """Side in pixels of the blocks over which noise averages out and structure stays. With 2 noise passes for structure,
@@ -83,7 +83,7 @@ def structure_and_contrast(residual: Image, target: Image, where: Mask) -> tuple
     return float(np.sqrt(np.mean(means**2))), float(np.mean(colours.std(axis=1)))
 
 
-def vuong_evidence(better: Sequence[Image], other: Sequence[Image]) -> float:
+def vuong_evidence(better: Images, other: Images) -> float:
     """Standard errors by which one weighted residual of all views, under the loss, beats another (after Vuong 1989).
 
     The squares differ by `2 better (other - better) + (other - better)^2`. The first part is as likely to help as to
@@ -122,7 +122,7 @@ def distant_correlation(residual: Image, near: int = 4) -> float:
     return float(np.sum(sums) / max(np.linalg.norm(sums), TINY))
 
 
-def block_scatter(views: Sequence[tuple[PixelJacobian, Image, Image]]) -> Covariance:
+def block_scatter(views: Sequence[tuple[Float[np.ndarray, "... 3 _ _"], ...]]) -> Covariance:
     """Covariance of a least-squares estimate whose residuals are correlated within blocks of pixels.
 
     The sandwich `A^-1 (sum of g g^T) A^-1`, with `A = J^T W J` and `g = J^T W r` of each block (Liang and Zeger 1986),

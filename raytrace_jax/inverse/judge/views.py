@@ -62,7 +62,7 @@ def contradicting_view(
             if not math.isfinite(own):
                 continue
             # A view that tells next to all of the estimate is no other one.
-            variance = max(own**2 - of_all, (0.1 * own) ** 2) + float(model[k, k])
+            variance = max(own**2 - of_all, max(own**2, of_all) / 9) + float(model[k, k])
             deviations = abs(float(view.value[k] - value[k])) / max(math.sqrt(variance), TINY)
             if deviations > worst:
                 by_it, by_all = with_error(float(view.value[k]), own), with_error(float(value[k]), math.sqrt(of_all))

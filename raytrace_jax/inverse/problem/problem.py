@@ -25,6 +25,7 @@ from .prediction import CameraModel, ForwardModel, PredictedPicture, forward_mod
 from .unknowns import (
     Covariance,
     Image,
+    Images,
     Prior,
     Unknowns,
     Values,
@@ -323,7 +324,7 @@ class FitState:
         return dataclasses.replace(self.linearization, jacobian=jacobian, residual=residual, **parts)
 
     @property
-    def residuals(self) -> tuple[Image, ...]:
+    def residuals(self) -> Images:
         """The unblurred, weighted residual of each view."""
         return tuple(view.residual for view in self.views)
 

@@ -13,7 +13,7 @@ from ..options import Stage
 from .noise import compressed
 from .prediction import PredictedPicture
 from .problem import FitState, Problem
-from .unknowns import Covariance, Image, PixelJacobian, Values, Vector
+from .unknowns import Covariance, Image, Images, PixelJacobian, Values, Vector
 
 
 def supersampled(problem: Problem, y: Vector, samples: int) -> Image:
@@ -199,7 +199,7 @@ def resampled(
     y: Vector,
     stage: Stage,
     size: int,
-    coarse: tuple[Image, Image] | None = None,
+    coarse: Images | None = None,
     noise: float = 0.0,
 ) -> ResampledPicture:
     """The picture of n x n samples a pixel, or of a lattice of `size` points, near `y`.

@@ -30,6 +30,9 @@ Values = Float[np.ndarray, " parameters"]
 """A number for each free parameter, on the host."""
 
 Image = Float[np.ndarray, "3 height width"]
+Images = tuple[Float[np.ndarray, "3 _ _"], ...]
+"""A picture of each view, in its own size."""
+
 Mask = Bool[np.ndarray, "height width"]
 PixelJacobian = Float[np.ndarray, "parameters 3 height width"]
 Covariance = Float[np.ndarray, "parameters parameters"]

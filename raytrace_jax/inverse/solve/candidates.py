@@ -15,7 +15,7 @@ from ...util.compilation import jit
 from ..judge.structure import EVIDENCE, vuong_evidence
 from ..problem.problem import FitState, Problem
 from ..problem.sampling import supersampled
-from ..problem.unknowns import Image, Values, natural_scale
+from ..problem.unknowns import Images, Values, natural_scale
 
 INDICES = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
 """Indices that are tried for a material that starts at 1 or above: from what is barely denser than air to diamond."""
@@ -182,9 +182,9 @@ def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
     problem = solution.problem
     names, values, unseen = problem.unknowns.names, problem.values(solution.y), dict[str, tuple[str, ...]]()
 
-    def residuals(values: Values) -> list[Image]:
+    def residuals(values: Values) -> Images:
         pairs = [(view, supersampled(view, problem.y_of(values), view.samples or 4)) for view in problem.views]
-        return [view.observation.with_bias(np.zeros_like(image)).residual(image) for view, image in pairs]
+        return tuple(view.observation.with_bias(np.zeros_like(image)).residual(image) for view, image in pairs)
 
     for ball in searched(problem, range(len(names)))[0]:
         # Such a ball deflects light by less than a tenth of a radian; a search that finds nothing ends still nearer.

@@ -18,7 +18,7 @@ from ..problem.detect import detect_samples, detect_sampling
 from ..problem.linearize import LOSSES
 from ..problem.problem import FitState, Problem
 from ..problem.sampling import COARSE_SAMPLES, ResampledPicture, lattice_size, point_sampled, resampled
-from ..problem.unknowns import Image, Values, Vector
+from ..problem.unknowns import Images, Values, Vector
 from ..progress import LocalMinimum, Progress, Record
 from ..result import PROFILE_95, Profile
 from .solvers import GaussNewton, LevenbergMarquardt, levenberg_marquardt, minimise
@@ -127,8 +127,9 @@ def refine(
 
 def balanced(solution: FitState) -> FitState:
     """The state whose views count by their noise: residuals of each have the size of the first one's."""
-    noises = [noise_level(view) for view in solution.views]
-    views = []
+    # Of a view that shows nothing of what is free it is that of all its residuals.
+    each = [(view, np.any(np.asarray(view.linearization.matters))) for view in solution.views]
+    noises, views = [noise_level(view) if matters else view.rms_residual for view, matters in each], []
     for view, noise in zip(solution.views, noises, strict=True):
         # A view without noise counts a thousand times as much as another, not infinitely.
         factor = float(np.clip((noises[0] + 1e-12) / (noise + 1e-12), 1e-3, 1e3))
@@ -143,7 +144,7 @@ def settle(
     solution: FitState,
     progress: Progress,
     record: Record,
-    coarse: Sequence[tuple[Image, Image]] = (),
+    coarse: Sequence[Images] = (),
     error: Values | None = None,
 ) -> FitState:
     """Take steps on the picture as it was observed; the edge-aware derivative leads.
