@@ -68,7 +68,6 @@ BAD_INPUT = [
     (2, ["photo", *BALL[2:]], ["PHOTO: no photograph came"]),
     (2, ["photo", "photo.png", *BALL[1:], "--ball", "9", "9", "9"], ["--ball: is for one photograph, and 2 came"]),
     (2, ["photo", "photo.png", *BALL[1:], "--in", "1.33"], ["--in: is for one photograph, and 2 came"]),
-    (2, ["photo", "photo.png", *BALL[1:], "--fit"], ["--fit: is for one photograph, and 2 came"]),
     (1, ["photo", "photo.png", "none.jpg", *BALL[2:]], ["none.jpg", "no such file"]),
     (2, [*PHOTO, "--radius", "20"], ["--radius", "it has no unit"]),
     (2, [*BALL, "--ball", "30", "20"], ["--ball X Y R", "input length 2 did not match"]),

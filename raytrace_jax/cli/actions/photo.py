@@ -141,13 +141,13 @@ def run_photo(command: Photo) -> int:
 
 def _check_options(command: Photo) -> None:
     """Refuse options that do not go together. Raises UsageError."""
-    for option, is_given in (("--ball", command.ball), ("--in", command.liquid)):
-        if is_given and len(command.photos) > 1:
+    for option, is_given in (("--ball", command.ball), ("--fit", command.fit), ("--in", command.liquid)):
+        if is_given and len(command.photos) > 1 and option != "--fit":
             raise UsageError(f"{option}: is for one photograph, and {len(command.photos)} came.")
         if is_given and command.tank:
             raise UsageError(f"{option}: is for a ball, and --tank came.")
-    if command.fit and (command.liquid or command.tank):
-        raise UsageError(f"--fit: is for a ball in air, and --{'in' if command.liquid else 'tank'} came.")
+    if command.fit and command.liquid:
+        raise UsageError("--fit: is for a ball in air, and --in came.")
 
 
 def _light_of(
