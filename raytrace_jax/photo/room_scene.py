@@ -90,7 +90,7 @@ def room_scene(
     blocks, free, glass, held, slopes = list[Description](), list[str](), list[str](), list[str](), []
     for k, (view, flat, chain) in enumerate(zip(located, flats, chains, strict=True)):
         end, ball = ends[k], view.setup.glass
-        aside = np.array([1e4 * k * view.board.half[0], 0.0, 0.0])
+        aside = np.array([100 * k * view.board.half[0], 0.0, 0.0])
         blocks += _photograph(view, flat.grid, flat.field.ink, end, aside)
         blocks.append(
             build.sphere(f"ball{end}", material="glass", center=ball.center + aside, radius=float(ball.radius))

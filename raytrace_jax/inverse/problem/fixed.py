@@ -166,7 +166,8 @@ def standard_deviation(scene: Scene, address: Address, name: str, amount: float 
 
 def canonical_name(scene: Scene, address: Address) -> str:
     """The name under which a number is listed."""
-    block = next(b for b in blocks(scene) if (b.type.group, b.column) == (address.group, address.column))
+    place = address.group, address.column, address.view
+    block = next(b for b in blocks(scene) if (b.type.group, b.column, b.view) == place)
     attribute = next(each for each in block.type.continuous if each.name == address.field)
     component = [] if address.component is None else [attribute.components[address.component]]
     return ".".join([block.name, address.field, *component])
