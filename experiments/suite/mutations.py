@@ -79,8 +79,8 @@ MUTATIONS = {
     "bounded_reach": Mutation("inverse/solve/solvers.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
     "vuong_squares": Mutation(
         "inverse/judge/structure.py",
-        "other**2 - better**2",
-        "other**2 + better**2",
+        "worse**2 - best**2",
+        "worse**2 + best**2",
         "verdict model_check fit_options",
     ),
     "degrees_of_freedom": Mutation(

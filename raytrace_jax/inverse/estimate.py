@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from jax.typing import ArrayLike
@@ -11,7 +12,7 @@ from jax.typing import ArrayLike
 from ..errors import RaytraceWarning
 from ..images.jpeg import JpegStorage
 from ..images.masks import mask_in_words
-from ..scene.scene import Scene
+from ..scene.scene import Scene, check_scene
 from ..tracer.settings import RenderSettings, resolve_settings
 from ..util.background import Clock, run_beside
 from ..util.checked import refuse_other
@@ -80,8 +81,12 @@ def fit(
             free number changes is elsewhere in the target.
     """
     refuse_other(options, FitOptions)
-    names = [*scene.cameras, *settings] if isinstance(settings, Mapping) else scene.cameras
-    each = {name: settings.get(name) if isinstance(settings, Mapping) else settings for name in names}
+    check_scene(scene)
+    each: dict[str, Any] = dict.fromkeys(scene.cameras)
+    if isinstance(settings, Mapping) and any(isinstance(one, RenderSettings) for one in settings.values()):
+        each |= settings
+    else:
+        each = dict.fromkeys(each, settings)
     resolved = {name: resolve_settings(scene, one) for name, one in each.items()}
     setup = build_problem(scene, target, free, resolved, options, weights, storage)
     setup = setup._replace(problem=setup.problem.in_own_unit())

@@ -208,8 +208,9 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, replace_work, cap
     seen = {}
 
     def fit(scene, target, free, settings, *, options, weights, storage, on_step, on_phase):
-        assert storage is None, "a PNG is not compressed"
-        seen.update(options=options, weights=weights, scene=scene, target=target, free=free, settings=settings)
+        assert storage == {"cam1": None}, "a PNG is not compressed"
+        of_view = {"weights": weights, "target": target, "settings": settings}
+        seen.update(options=options, scene=scene, free=free, **{name: each["cam1"] for name, each in of_view.items()})
         on_phase("scanning: compiling")
         for step in expected.steps:
             on_step(step)

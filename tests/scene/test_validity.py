@@ -85,7 +85,7 @@ def test_meaningless_attributes_are_named():
 
 def test_an_empty_or_flat_view_is_warned_of(capsys):
     scene = CAMERA.replace("4 3 6 }", "4 3 0 }")
-    read_picture_scene(SimpleNamespace(scene=scene, assignments=(), render=SMALL))
+    read_picture_scene(SimpleNamespace(scene=scene, assignments=(), render=SMALL, camera=None))
     assert capsys.readouterr().err.splitlines() == [
         "warning: the scene has no shapes: its picture is black.",
         "warning: the camera eye is in its image plane, z = 0: all of its rays lie in that plane.",

@@ -102,7 +102,7 @@ class Fit(shared.PictureCommand):
     Example: raytrace-jax fit guess.txt photo.exr --free glass.ior glass.center -o result
     """
 
-    target: Annotated[Positional[tuple[str, ...]], arg(metavar="[CAMERA=]TARGET ...")]
+    target: Annotated[Positional[tuple[str, ...]], arg(metavar="TARGET ...")]
     """The picture to explain, OpenEXR, PNG, JPEG, TIFF, PPM or Radiance HDR, of the size that is rendered; with --crop
     also the whole picture. Of several cameras one each, as left=a.exr right=b.exr."""
     free: shared.Names
