@@ -4,6 +4,7 @@ import dataclasses
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -91,6 +92,7 @@ def build_problem(
     options: FitOptions,
     weights: OfViews[ArrayLike | None] = None,
     storage: OfViews[JpegStorage | None] = None,
+    shown: Mapping[str, Scene] = MappingProxyType({}),
 ) -> FitSetup:
     """The problem that a user means, under any of the names that a parameter has.
 
@@ -107,7 +109,7 @@ def build_problem(
     masks, stored = (of_each_view(scene, *each, optional=True) for each in (("weights", weights), ("storage", storage)))
     each_settings = of_each_view(scene, "settings", settings, optional=True)
     scene, free, ties = asked_for(scene, free, options)
-    seen = {name: scene.seen_by(name) for name in scene.cameras}
+    seen = {name: shown.get(name, scene.seen_by(name)) for name in scene.cameras}
     for name, view in seen.items():
         if stored[name] is not None:
             refuse_other(stored[name], JpegStorage, "jpeg_storage")

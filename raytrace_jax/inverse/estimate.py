@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,7 @@ def fit(
     options: FitOptions = FitOptions(),
     weights: OfViews[ArrayLike | None] = None,
     storage: OfViews[JpegStorage | None] = None,
+    shown: Mapping[str, Scene] = MappingProxyType({}),
     on_step: Callable[[FitStep], None] | None = None,
     on_phase: Callable[[str], None] | None = None,
 ) -> FitResult:
@@ -67,6 +69,8 @@ def fit(
         options: how the fit is set up and solved, as `FitOptions(search=False, sigma=0.01)`.
         weights: weight of each pixel in the sum of squares, 0 to leave it out, "height width"; or of each channel of
             each pixel, "3 height width".
+        shown: by a camera's name the scene that it sees, of fewer blocks than the whole and the same names: as one turn
+            of a table, of whose other turns the scene has copies elsewhere.
         storage: how a JPEG has compressed the target (`jpeg_storage`): its bias is taken off.
         on_step, on_phase: called with each step of the solver, and with what the fit does next, in words.
 
@@ -88,7 +92,7 @@ def fit(
     else:
         each = dict.fromkeys(each, settings)
     resolved = {name: resolve_settings(scene, one) for name, one in each.items()}
-    setup = build_problem(scene, target, free, resolved, options, weights, storage)
+    setup = build_problem(scene, target, free, resolved, options, weights, storage, shown)
     setup = setup._replace(problem=setup.problem.in_own_unit())
     if options.sigma is not None:
         options = dataclasses.replace(options, sigma=options.sigma / setup.problem.unit)

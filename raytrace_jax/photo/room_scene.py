@@ -1,5 +1,6 @@
 """Scenes of photographs: the camera, the board that shines by itself, and the ball or the tank."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -37,6 +38,7 @@ class RoomScene(NamedTuple):
 
     Args:
         scene: as the corners have it.
+        shown: by the camera what it sees of it, where there are several.
         free: what a fit finds: the glass, its place, what is left of exposure and white balance, the camera's blur, and
             the room that the ball reflects, whose share follows Fresnel's equations.
         glass: the parameters that corners and light both tell, the index first.
@@ -48,6 +50,7 @@ class RoomScene(NamedTuple):
     """
 
     scene: Scene
+    shown: dict[str, Scene]
     free: tuple[str, ...]
     glass: tuple[str, ...]
     held: tuple[str, ...]
@@ -87,14 +90,12 @@ def room_scene(
         covariance: of all that was adjusted.
     """
     ends = [""] if len(located) == 1 else [str(k + 1) for k in range(len(located))]
-    blocks, free, glass, held, slopes = list[Description](), list[str](), list[str](), list[str](), []
+    parts, free, glass, held, slopes = list[list[Description]](), list[str](), list[str](), list[str](), []
     for k, (view, flat, chain) in enumerate(zip(located, flats, chains, strict=True)):
         end, ball = ends[k], view.setup.glass
         aside = np.array([100 * k * view.board.half[0], 0.0, 0.0])
-        blocks += _photograph(view, flat.grid, flat.field.ink, end, aside)
-        blocks.append(
-            build.sphere(f"ball{end}", material="glass", center=ball.center + aside, radius=float(ball.radius))
-        )
+        sphere = build.sphere(f"ball{end}", material="glass", center=ball.center + aside, radius=float(ball.radius))
+        parts.append([*_photograph(view, flat.grid, flat.field.ink, end, aside), sphere])
         index, film = ("glass.ior", f"eye{end}") if end else ("ball.ior", "film")
         center = [f"ball{end}.center.{axis}" for axis in "xyz"]
         free += [*([] if k else [index]), f"ball{end}.center", f"{film}.gain", f"{film}.blur"]
@@ -102,9 +103,9 @@ def room_scene(
         held += [name.replace("eye.", f"eye{end}.").replace("ball.", f"ball{end}.") for name in HELD]
         slopes.append(np.asarray(_slope(view.setup, view.size, flat.grid)) @ chain)
     first = located[0].setup
-    material = build.material("glass", transmission=1, ior=float(first.glass.ior))
+    room = _room(build.material("glass", transmission=1, ior=float(first.glass.ior)))
     if (liquid := first.liquid) is not None:
-        blocks += [
+        room += [
             build.material("liquid", transmission=1, ior=float(liquid.ior)),
             build.plane("surface", material="liquid", normal=(0, 0, 1), point=(0, 0, float(liquid.depth))),
         ]
@@ -118,10 +119,12 @@ def room_scene(
     spread = np.sqrt(np.diagonal(own))
     known = [k for k in range(len(held)) if spread[k] > 0]
     pairs = {(held[i], held[j]): float(own[i, j] / (spread[i] * spread[j])) for i in known for j in known if i < j}
-    scene = make_scene(*_room(material), *blocks)
+    scene, shown = make_scene(*room, *itertools.chain(*parts)), {}
+    if len(parts) > 1:  # Each pixel would ask all shapes, and each derivative have all centres.
+        shown = dict(zip(scene.cameras, (make_scene(*room, *part) for part in parts), strict=True))
     told = np.array([float(scene[name]) for name in glass])
     uncertain = {held[k]: float(spread[k]) for k in known}
-    return RoomScene(scene, (*free, "sky.radiance"), tuple(glass), tuple(held), told, uncertain, pairs, whole)
+    return RoomScene(scene, shown, (*free, "sky.radiance"), tuple(glass), tuple(held), told, uncertain, pairs, whole)
 
 
 def wedge_comment(located: Located) -> str:

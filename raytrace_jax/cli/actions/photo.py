@@ -205,7 +205,8 @@ def _fit_light(
     with FitProgress(scalar_names(room.scene, room.free), console, command.verbose) as show:
         told: dict[str, Any] = {"on_step": show.step, "on_phase": show.phase}
         options = light_options(room)
-        result = fit(room.scene, targets, room.free, settings, options=options, weights=weights, **told)
+        told |= {"weights": weights, "shown": room.shown}
+        result = fit(room.scene, targets, room.free, settings, options=options, **told)
     text = write_numbers(result, command.output)
     both, came_to_rest = combine(room, result), result.status in ("converged", "model_incomplete")
     write_text(command.output / "joined.json", json_text(both._asdict()))

@@ -1,5 +1,6 @@
 """Free parameters as bounded numbers, and as the unbounded unknowns of a solver."""
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -171,11 +172,14 @@ class Unknowns:
     def seen_in(self, scene: Scene) -> "Unknowns":
         """The same unknowns as the camera of a scene of several views knows them.
 
-        What is another view's is unseen; where a number of this view follows it, that one stands in its place.
+        What is another view's, or of a shape that the camera is not shown, is unseen; where a number of this view
+        follows it, that one stands in its place.
         """
 
         def is_here(name: str) -> bool:
-            return not resolve(scene, name).address.is_elsewhere
+            with contextlib.suppress(ParameterError):
+                return not resolve(scene, name).address.is_elsewhere
+            return False
 
         names, ties, unseen = [], [], []
         for name in self.names:
@@ -184,7 +188,7 @@ class Unknowns:
             names.append(own)
             ties += [(follower, own) for follower in followers]
             unseen += [] if is_here(own) else [own]
-        of_film = response_effects(scene, names)
+        of_film = response_effects(scene, [name for name in names if name not in unseen])
         of_film = tuple(name for name in names if name in of_film)
         return Unknowns(tuple(names), self.transforms, tuple(ties), of_film, tuple(unseen))
 
