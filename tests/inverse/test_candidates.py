@@ -164,6 +164,7 @@ def test_an_unseen_ball_is_open(index, shown, free, unseen):
 
 
 @pytest.mark.slow
+@pytest.mark.optimized
 def test_a_small_picture_finds_its_start():
     """In 32 x 24 pixels of this one no place looks like the truth, from which five starts led elsewhere."""
     scene, settings = load_scene("ball"), RenderSettings(size=(64, 48))
