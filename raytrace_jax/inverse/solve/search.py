@@ -194,7 +194,7 @@ def scan(problem: Problem, tell: Callable[[int], None]) -> list[Values]:
     while if it is the best of its neighbours on such a grid. Pictures of few pixels tell that; those that are left are
     compared by larger ones.
     """
-    # 40 x 30, and 80 x 60, in which a ball still has an outline. In 32 x 24 of 64 x 48 one fit of six found no answer.
+    # 40 x 30, and 80 x 60, in which a ball still has an outline. In 32 x 24 of 64 x 48 6 of 40 fits found no answer.
     first, binning = binning_to(problem, 1_200, at_least=True), binning_to(problem, 5_000)
     (cost,), (initial,) = evaluate(problem, problem.initial[None], binning, tell)
     seeds = [(float(cost), initial)]
