@@ -244,7 +244,8 @@ def make_result(setup: FitSetup, options: FitOptions, findings: Findings, stoppe
         starts = findings.start_images or [None] * len(solution.views)
         pictures = [solved_pictures(view, start) for view, start in zip(solution.views, starts, strict=True)]
 
-    # The word for it.
+    # The word for it. What is far from explained has no errors.
+    explained = True
     if stopped is not None or solution is None:
         status, message, advice = interrupted_status(stopped or "", findings, uncertainty)
     else:
@@ -262,6 +263,7 @@ def make_result(setup: FitSetup, options: FitOptions, findings: Findings, stoppe
         )
     at_bound = bounds_reached(y, problem.unknowns)
     message += bounds_in_words(at_bound) + profiles_in_words(findings.profiles, names, uncertainty.standard_error)
+    uncertainty = uncertainty if explained else uncertainty.withheld()
 
     return FitResult(
         status=status,

@@ -11,7 +11,7 @@ from posing import posed_problem
 from scenes import assignment_scene, scaled_scene
 from test_fits_of_glass import BALL, BOARD
 
-from raytrace_jax import parse_scene, render, set_parameters
+from raytrace_jax import RenderSettings, fit, load_scene, parse_scene, render, set_parameters
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.solve.candidates import (
     BUBBLE_INDICES,
@@ -161,3 +161,15 @@ def test_an_unseen_ball_is_open(index, shown, free, unseen):
     assert unseen_balls(found) == unseen
     sure = quantify_uncertainty(found, None).opened(free, free[:2])
     assert sure.undetermined[:2] == free[:2] and np.all(np.isinf(sure.standard_error[:2]))
+
+
+@pytest.mark.slow
+@pytest.mark.optimized
+def test_a_small_picture_finds_its_start():
+    """In 32 x 24 pixels of this one no place looks like the truth, from which five starts led elsewhere."""
+    scene, settings = load_scene("ball"), RenderSettings(size=(64, 48))
+    truth = set_parameters(scene, {"glass.ior": 1.4, "ball.center": (0.1, 0.1, 0)})
+    target = render(truth, settings).image
+    found = fit(scene, target, ["glass.ior", "ball.center"], settings)
+    assert found.status == "converged", found.message
+    np.testing.assert_allclose(found.value, [1.4, 0.1, 0.1, 0], atol=1e-6)

@@ -218,6 +218,9 @@ def test_a_target_that_no_view_explains_names_no_cause():
     found = fitted({name: noisy(0 * part, TRUTH) for name, part in COLUMNS.items()}, max_steps=3)
     assert found.status == "not_converged"
     assert "looks like none" not in found.message
+    # An error bar there would be one of another answer.
+    assert np.all(np.isnan(found.total_error)) and np.all(np.isnan(found.uncertainty.cramer_rao))
+    assert "(" not in found.summary().partition("not_converged")[0] and "error unknown" in repr(found)
 
 
 def test_an_interrupted_fit_has_no_pictures():

@@ -33,7 +33,8 @@ class Uncertainty:
 
     Args:
         standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
-            determine it, NaN where the fit was stopped before, or sums of squares are beyond the dtype.
+            determine it, NaN where the fit was stopped before, the picture is far from explained, or sums of squares
+            are beyond the dtype.
         cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
         sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
         resolution: the part of `standard_error` that is the step which the solver did not take, and by which places lie
@@ -66,6 +67,12 @@ class Uncertainty:
         """The uncertainty of `count` parameters of which nothing is known."""
         nan, used = np.full((count, count), np.nan), np.nan if sigma is None else sigma
         return cls(nan[0], nan, nan[0], used, np.zeros(count), sigma is not None, np.nan, np.nan, "", ())
+
+    def withheld(self) -> "Uncertainty":
+        """A copy whose errors are unknown: those of a place that is not the answer say nothing about the answer."""
+        nothing = vars(Uncertainty.unknown(len(self.standard_error), None))
+        errors = ("standard_error", "covariance", "cramer_rao", "resolution")
+        return dataclasses.replace(self, **{name: nothing[name] for name in errors})
 
     def opened(self, names: Sequence[str], opened: Sequence[str]) -> "Uncertainty":
         """A copy in which some of the parameters are open: their errors are infinite, and they are undetermined."""
