@@ -121,7 +121,7 @@ def rivals(seed, smooth=0.0):
 
 @pytest.mark.parametrize("smooth", [0, 0.7])
 def test_equal_models_give_normal_evidence(smooth):
-    z = np.array([vuong_evidence(*([one] for one in rivals(k, smooth))) for k in range(400)])
+    z = np.array([vuong_evidence(*((one,) for one in rivals(k, smooth))) for k in range(400)])
     assert abs(z.mean()) < 0.3
     assert np.mean(abs(z) < 3) >= 0.99
     assert 0.8 < z.std() < 1.2
@@ -133,14 +133,14 @@ def test_evidence_grows_with_the_difference(level):
     ball = np.clip(5 - np.hypot(ROWS - 31, COLUMNS - 44) + 0.5, 0, 1)
     other = np.clip(5 - np.hypot(ROWS - 31, COLUMNS - 41) + 0.5, 0, 1)
     residual = level * noise(2)
-    found = vuong_evidence([residual], [residual + 0.5 * (ball - other)])
+    found = vuong_evidence((residual,), (residual + 0.5 * (ball - other),))
     expected = np.linalg.norm(0.5 * (ball - other)) * np.sqrt(3) / (2 * level)
     assert found == pytest.approx(expected, rel=0.5) and found > 30
 
 
 def test_evidence_is_zero_for_the_same_model():
-    assert vuong_evidence([noise(1)], [noise(1)]) == 0
-    assert vuong_evidence([np.zeros_like(noise(1))], [noise(1)]) == np.inf
+    assert vuong_evidence((noise(1),), (noise(1),)) == 0
+    assert vuong_evidence((np.zeros_like(noise(1)),), (noise(1),)) == np.inf
 
 
 def sure(error=(0.1, 0.2), undetermined=()):

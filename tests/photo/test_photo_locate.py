@@ -81,6 +81,32 @@ def test_the_scene_looks_like_the_photograph(image, located):
     assert np.sqrt(np.mean(off**2)) < 0.1, "of paper"
 
 
+@pytest.mark.slow
+def test_each_of_several_photographs_is_shown_its_own_board(image, located):
+    flat = flatten(image, located)
+    # The second one's place is its own; glass, radius and lens are common.
+    count = len(located.covariance)
+    is_own = np.array([number.is_own for number in located.setup.numbers])
+    chains = np.zeros((2, count, count + is_own.sum()))
+    chains[:, ~is_own, np.flatnonzero(~is_own)] = 1
+    chains[0, is_own, np.flatnonzero(is_own)] = chains[1, is_own, np.arange(count, count + is_own.sum())] = 1
+    whole = np.zeros((count + is_own.sum(),) * 2)
+    whole[:count, :count] = located.covariance
+    whole[count:, count:] = located.covariance[np.ix_(is_own, is_own)]
+    one = room_scene([located], [flat], [np.eye(count)], located.covariance)
+    two = room_scene([located] * 2, [flat] * 2, chains, whole)
+    assert two.scene.cameras == tuple(two.shown) == ("eye1", "eye2")
+    assert two.glass == ("glass.ior", *(f"ball{k}.center.{axis}" for k in (1, 2) for axis in "xyz"))
+    np.testing.assert_allclose(two.told[4:], two.told[1:4] + two.scene["board2.center"])
+    np.testing.assert_allclose(two.covariance[:4, :4], one.covariance[:4, :4], rtol=1e-9)
+    assert two.correlations["eye1.distortion.k1", "eye2.distortion.k1"] == pytest.approx(1)
+    settings = RenderSettings(crop=flat.grid.window)
+    wanted = np.asarray(render(one.scene, settings).image)
+    for camera in two.scene.cameras:
+        for scene in (two.shown[camera], two.scene.seen_by(camera)):
+            np.testing.assert_allclose(np.asarray(render(scene, settings).image), wanted, atol=1e-6)
+
+
 @pytest.mark.parametrize("light", [0.5, 0.0])
 def test_a_grey_picture_is_refused(light, board):
     with pytest.raises(PictureError, match=r"grey: 8 markers of .*board\.txt are wanted, and 0 are found.*nearer"):
@@ -227,3 +253,22 @@ def test_a_photograph_is_fitted_and_reported(image, tmp_path, monkeypatch, capsy
     assert abs(FitResult.load("out")["ball.ior"].value - INDEX) < 0.01
     made = read_exr("out/fit.exr").metadata["scene"]
     assert made == Path("out/fit.txt").read_text() and "fit.print.exr" in made
+
+
+@pytest.mark.slow
+def test_the_light_of_two_photographs_is_fitted_together(image, tmp_path, monkeypatch, capsys):
+    noise = np.random.default_rng(3).normal(scale=0.002, size=image.shape)
+    for name, light in (("a.png", image), ("b.png", np.clip(image + noise, 0, 1))):
+        write_png(tmp_path / name, light, transfer="srgb")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("raytrace_jax.photo.room_scene.FitOptions", partial(FitOptions, max_steps=1))
+    lengths = ["--radius", "20+-0.01mm", "--ruler", "100+-0.01mm"]
+    board = str(boards.write_board(tmp_path))
+    assert main(["photo", "a.png", "b.png", "--board", board, *lengths, "-o", "out", "--fit"]) in (0, 3)
+    assert "error" not in capsys.readouterr().err
+    written = {path.name for path in Path("out").iterdir()}
+    assert {"scene_a.txt", "scene_b.txt", "report.html", "fit_eye1.exr", "fit_eye2.exr", "joined.json"} <= written
+    found = FitResult.load("out")
+    assert [view.camera for view in found.alone] == ["eye1", "eye2"] and "ball2.center.z" in found.names
+    index, error = json.loads(Path("out/joined.json").read_text())["ior"]
+    assert abs(index - INDEX) < 4 * error and abs(found["glass.ior"].value - INDEX) < 0.01
