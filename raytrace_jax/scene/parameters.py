@@ -201,7 +201,8 @@ def resolve(scene: Scene, name: str) -> Parameter:
         raise ParameterError(f"{quoted(name)} is a whole {wholes[0].keyword}, {having}.")
     if not owners:
         names = list(dict.fromkeys(block.name for block in known))
-        example = listed(f"{known[0].name}.{one.name}" for one in known[0].type.continuous)
+        first = next(block for block in known if block.type.continuous)
+        example = listed(f"{first.name}.{one.name}" for one in first.type.continuous)
         guess = did_you_mean(block_name or name, names)
         raise ParameterError(
             f"{quoted(name)} is no parameter of this scene: one is written block.attribute, as {example}.{guess} "

@@ -11,6 +11,7 @@ from raytrace_jax import write_png
 
 SMALL = ["--size", "40", "30", "--max-bounces", "2"]
 FIT = ["fit", VITREOUS, "target.png", "-o", "out", "--free", "cyan.ior"]
+TWO = ["fit", "--free", "glass.ior", "-o", "out", "two_views"]
 SWEEP = ["sweep", VITREOUS, "-o", "a.gif", "--over"]
 VIEW = ["view", "vitreous", "--over"]
 BOARD = ["board", "-o", "board.pdf"]
@@ -33,6 +34,12 @@ BAD_INPUT = [
     (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreus.ior=1"], ["vitreus", "'vitreous'?"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.ior"], ["name=value"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.abbe=30"], ["no abbe", "write it into the block first"]),
+    (2, [*TWO, "a.png"], ["a.png: it has to say which camera has seen it, as left=a.png", "left, right", "--camera"]),
+    (2, [*TWO, "left=a.png", "lft=b.png"], ["lft=b.png", "Did you mean 'left'?"]),
+    (2, [*TWO, "left=a.png", "left=b.png"], ["a.png and b.png are both given for the camera left"]),
+    (2, [*TWO, "left=a.png"], ["no picture of the camera right"]),
+    (2, [*TWO, "left=a.png", "right=b.png", "--transfer", "left=linear"], ["--transfer linear: course or srgb"]),
+    (1, [*TWO, "left=target.png", "right=none.png"], ["none.png: there is no such file"]),
     (2, ["gallery", "physical.txt", "-o", "out"], ["physical.txt is for the physical model", "classic"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "-Dcyan.ior=1", "-Dcyan.ior=2"], ["cyan.ior", "twice"]),
     (1, ["render", "none.txt", "-o", "a.exr"], ["none.txt", "no such file"]),

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import os
 import pty
 import re
@@ -252,3 +253,24 @@ def test_silent_work_is_said_to_go_on(monkeypatch):
     with Timer("drawing", Console(file=text)):
         time.sleep(1.5)
     assert re.fullmatch(r"(\d+\.\d s  drawing\n)+", text.getvalue())
+
+
+@pytest.mark.slow
+def test_two_views_are_fitted_and_reported(tmp_path, monkeypatch, capsys):
+    """Each picture in a size of its own, and one of them masked."""
+    monkeypatch.chdir(tmp_path)
+    values = ["-D", "glass.ior=1.52", "-D", "glass.center=0.05,0.02,-0.03"]
+    for camera, size in (("left", (48, 36)), ("right", (64, 48))):
+        assert run("render", "two_views", "--camera", camera, "--size", *size, *values, "-o", f"{camera}.exr") == 0
+    write_png("mask.png", np.ones((3, 36, 48)))
+    targets = ["left=left.exr", "right=right.exr", "--mask", "left=mask.png"]
+    code = run("fit", "two_views", *targets, "--free", "glass.ior", "glass.center", "--no-search", "-o", "out")
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"fit_left.exr", "residual_right.exr", "report.png", "report.html", "methods.txt", "fit.txt"} <= written
+    result = FitResult.load("out")
+    assert code == 0 and result.status == "converged", result.message
+    assert result.views["left"].image.shape == (3, 36, 48) and result.views["right"].image.shape == (3, 48, 64)
+    np.testing.assert_allclose(result.value, [1.52, 0.05, 0.02, -0.03], atol=1e-4)
+    summary = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert [view["camera"] for view in summary["views"]] == ["left", "right"]
+    assert summary["provenance"]["target"] == "left.exr, right.exr"
