@@ -256,6 +256,7 @@ def test_a_photograph_is_fitted_and_reported(image, tmp_path, monkeypatch, capsy
 
 
 @pytest.mark.slow
+@pytest.mark.optimized
 def test_the_light_of_two_photographs_is_fitted_together(image, tmp_path, monkeypatch, capsys):
     noise = np.random.default_rng(3).normal(scale=0.002, size=image.shape)
     for name, light in (("a.png", image), ("b.png", np.clip(image + noise, 0, 1))):
