@@ -43,7 +43,9 @@ def test_reading_a_picture_ends_quietly(tmp_path):
 
 @pytest.mark.slow
 def test_a_cluster_signal_ends_a_fit_early(tmp_path):
-    write_png(tmp_path / "a.png", np.random.default_rng(0).uniform(size=(3, 60, 80)))
+    # The picture is the scene's: another one would be refused at once.
+    picture = [*PROGRAM, "render", str(VITREOUS), "--size", "80", "60", "-o", str(tmp_path / "a.png"), "--quiet"]
+    subprocess.run(picture, env=ENVIRONMENT, check=True, timeout=120)
     command = [*PROGRAM, "fit", str(VITREOUS), str(tmp_path / "a.png"), "--free", "vitreous.ior"]
     command += ["-o", str(tmp_path / "out"), "--size", "80", "60"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
