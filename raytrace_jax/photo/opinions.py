@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from ..inverse.judge.model_check import Contradiction, contradicted
 from ..inverse.result import FitResult
@@ -120,8 +121,9 @@ def combine(room: RoomScene, result: FitResult) -> Combined:
 
     excess = float(off @ np.linalg.solve(common + noise, off)) / count
     apart = float(abs(off[0]) / np.sqrt((common + noise)[0, 0]))
-    # One in twenty exceeds this chi squared of index and centre, a degree of freedom, by chance.
-    gain = room.covariance @ observe.T @ np.linalg.inv(common + noise * (excess if excess > 2.4 else 1.0))
+    # One in twenty exceeds this chi squared of index and centres, a degree of freedom, by chance.
+    by_chance = 2 * float(gammaincinv(count / 2, 0.95)) / count
+    gain = room.covariance @ observe.T @ np.linalg.inv(common + noise * (excess if excess > by_chance else 1.0))
     index = float(room.told[0] + gain[0] @ off)
     variance = float((room.covariance - gain @ observe @ room.covariance)[0, 0])
     return Combined((index, float(np.sqrt(variance))), apart, float(gain[0, 0]))
