@@ -109,7 +109,8 @@ def build_problem(
     masks, stored = (of_each_view(scene, *each, optional=True) for each in (("weights", weights), ("storage", storage)))
     each_settings = of_each_view(scene, "settings", settings, optional=True)
     scene, free, ties = asked_for(scene, free, options)
-    seen = {name: shown.get(name, scene.seen_by(name)) for name in scene.cameras}
+    parts = of_each_view(scene, "a scene", shown, optional=True)
+    seen = {name: (parts[name] or scene).seen_by(name) for name in scene.cameras}
     for name, view in seen.items():
         if stored[name] is not None:
             refuse_other(stored[name], JpegStorage, "jpeg_storage")

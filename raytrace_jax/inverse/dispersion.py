@@ -8,7 +8,7 @@ from jaxtyping import Float
 from ..errors import RaytraceError
 from ..optics import glass
 from ..optics.dispersion import CHANNEL_WAVELENGTHS, Dispersion, cauchy_index, dispersion
-from ..scene.parameters import Address, blocks_of, resolve
+from ..scene.parameters import blocks_of, resolve
 from ..scene.scene import Scene
 from ..scene.structs import AbbeMaterials, ChannelMaterials
 from ..util.digits import with_error
@@ -31,11 +31,9 @@ def fitted_dispersions(
     free = {resolve(scene, name).address: k for k, name in enumerate(names)} if dispersive else {}
     found = {}
     for block in dispersive:
-        group, by_abbe = block.type.group, block.type.struct is AbbeMaterials
-        if by_abbe:
-            numbers = [Address(group, name, block.column) for name in ("ior", "abbe")]
-        else:
-            numbers = [Address(group, "ior", block.column, channel) for channel in range(3)]
+        by_abbe = block.type.struct is AbbeMaterials
+        channels = [block.address("ior", channel) for channel in range(3)]
+        numbers = [block.address("ior"), block.address("abbe")] if by_abbe else channels
         if not all(number in free for number in (numbers[1:] if by_abbe else numbers)):
             continue
         values = np.array([float(number.read(scene)) for number in numbers])

@@ -135,7 +135,19 @@ class Estimate(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class ViewPictures:
-    """The pictures of a further view of a fit, and how they differ; the fields are those of `FitResult`."""
+    """The pictures of a view of a fit, and how they differ.
+
+    Args:
+        target_samples: n, where each of the target's pixels was taken for the mean of n x n samples on a regular grid;
+            1 is a point, None the mean over the whole pixel.
+        start_image, image: the picture at the start and at the estimate, under the camera's response there; None where
+            the fit was stopped before it was rendered.
+        rms_residual: root mean square of image minus target over all pixels that count and channels, unblurred; NaN
+            where the fit was stopped before.
+        typical_residual: a robust estimate of the residuals' size: the standard deviation of a normal distribution with
+            the median magnitude of the residuals that depend on a free parameter. A few outliers do not change it.
+        left_out: how many pixels a robust loss counts for a hundredth or less.
+    """
 
     settings: ResolvedSettings
     target: Float[np.ndarray, "3 height width"]
@@ -148,9 +160,9 @@ class ViewPictures:
     left_out: int = 0
 
 
-@dataclasses.dataclass(frozen=True, repr=False)
-class FitResult:
-    """The estimate, how sure it is, and how it came about.
+@dataclasses.dataclass(frozen=True, repr=False, kw_only=True)
+class FitResult(ViewPictures):
+    """The estimate, how sure it is, and how it came about; the pictures are those of the first view.
 
     Args:
         status: how the fit ended. `converged`: the solver came to rest, the picture is explained, and it determines
@@ -165,16 +177,7 @@ class FitResult:
         priors: (name, mean, standard deviation) of each prior.
         ties: (follower, leader) of each tie.
         loss: the loss of the last level, `l2` or `cauchy`; the requested one where the fit did not reach that level.
-        target_samples: n, where each of the target's pixels was taken for the mean of n x n samples on a regular grid;
-            1 is a point, None the mean over the whole pixel.
         check: the fixed numbers that they depend on, and what the residual shows beside noise.
-        start_image, image: the picture at the start and at the estimate, under the camera's response there; None where
-            the fit was stopped before it was rendered.
-        rms_residual: root mean square of image minus target over all pixels that count and channels, unblurred; NaN
-            where the fit was stopped before.
-        typical_residual: a robust estimate of the residuals' size: the standard deviation of a normal distribution with
-            the median magnitude of the residuals that depend on a free parameter. A few outliers do not change it.
-        left_out: how many pixels a robust loss counts for a hundredth or less.
         steps: the solver's steps, in the order in which they were made.
         candidate: the start that led to the estimate, as in `FitStep`.
         runner_ups: the other minima, best first.
@@ -196,19 +199,10 @@ class FitResult:
     priors: tuple[tuple[str, float, float], ...]
     ties: tuple[tuple[str, str], ...]
     loss: str
-    target_samples: int | None
     uncertainty: Uncertainty
     check: ModelCheck
     profiles: tuple[Profile, ...]
     scene: Scene
-    settings: ResolvedSettings
-    target: Float[np.ndarray, "3 height width"]
-    weights: Float[np.ndarray, "3 height width"]
-    start_image: Float[np.ndarray, "3 height width"] | None = None
-    image: Float[np.ndarray, "3 height width"] | None = None
-    rms_residual: float = math.nan
-    typical_residual: float = math.nan
-    left_out: int = 0
     steps: tuple[FitStep, ...] = ()
     candidate: int = 0
     runner_ups: tuple[Minimum, ...] = ()

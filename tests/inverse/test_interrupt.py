@@ -156,10 +156,9 @@ def test_uninterruptible_work_is_left_behind(by_clock, calls, monkeypatch):
         go_on.set()
     assert time.monotonic() - began < 10
     *before, last = phases
-    assert (
-        last == "stopping ..."
-        and ["comparing what nothing free changes", "scanning: compiling"][: len(before)] == before
-    )
+    # The clock may end the comparison.
+    both = ["comparing what nothing free changes", "scanning: compiling"]
+    assert last == "stopping ..." and before in ([both, both[:1]] if by_clock else [both])
     reason = "stopped after 0.3 seconds" if by_clock else "interrupted by the user"
     assert result.status == "interrupted" and result.message == f"{reason}, before the first step: nothing was fitted"
     assert np.all(np.isnan(result.standard_error)) and not result.steps

@@ -263,6 +263,8 @@ def test_settings_may_be_of_some_views():
     assert found.views["left"].settings.max_bounces == 0
     with pytest.raises(ParameterError, match="settings of 'middle'"):
         fit(SCENE, PICTURES, list(NAMES), {"middle": POINT}, options=options)
+    with pytest.raises(ParameterError, match="a scene of 'middle'"):
+        fit(SCENE, PICTURES, list(NAMES), options=options, shown={"middle": SCENE})
 
 
 def test_a_jpeg_is_a_views_own(tmp_path):

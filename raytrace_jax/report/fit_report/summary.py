@@ -14,6 +14,7 @@ import os
 import platform
 import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from ...scene.writer import save_scene
 from ...tracer.settings import MODEL_RULES, ResolvedSettings
 from ...util.digits import value_and_error, with_error
 from ...util.files import as_path, json_text, strict, write_text
+from ..films import view_paths
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -239,9 +241,8 @@ def views_of(result: FitResult) -> dict[str, FitResult]:
 
     They are named as `render` names the pictures of several cameras.
     """
-    if not result.further_views:
-        return {"": result}
-    return {f"_{camera.replace('/', '%2F')}": view for camera, view in result.views.items()}
+    paths = view_paths(Path("fit"), result.scene)
+    return {path.name.removeprefix("fit"): result.seen_by(camera) for camera, path in paths.items()}
 
 
 def write_numbers(result: FitResult, folder: str | os.PathLike[str], comments: str = "") -> str:
