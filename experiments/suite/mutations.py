@@ -55,9 +55,9 @@ MUTATIONS = {
         "tracer/shading/physical.py", "cos * (1 / light.squared_distance)", "cos * light.inverse_distance", "physical"
     ),
     "self_hit": Mutation(
-        "tracer/geometry/sphere.py",
-        "hits = jnp.where(own, rays.inside, passing.discriminant > 0)",
-        "hits = passing.discriminant > 0",
+        "tracer/geometry/solid.py",
+        "hits = jnp.where(way.own, rays.inside, way.t_in < way.t_out)",
+        "hits = way.t_in < way.t_out",
         "geometry classic",
     ),
     "packing_order": Mutation(
@@ -67,7 +67,7 @@ MUTATIONS = {
         "tracer/integrator.py", "jnp.minimum(tail + slot,", "jnp.minimum(tail + slot + 1,", "classic render"
     ),
     "edge_of_a_ball": Mutation(
-        "tracer/geometry/sphere.py", "1) * (-1 / radius)", "1) * (1 / radius)", "visibility footprints"
+        "tracer/geometry/solid.py", "slope = -jnp.sum(n *", "slope = jnp.sum(n *", "visibility footprints"
     ),
     "pixel_row": Mutation(
         "tracer/geometry/camera.py", "from_bottom = (height - 1) - row", "from_bottom = height - row", "cameras render"

@@ -58,7 +58,7 @@ def _asked(scene: Scene, settings: ResolvedSettings) -> tuple[World, list[Intege
         return world, [], nowhere
     # Points of a sphere all around, of a plane near the point that the file has, of a rectangle all over it.
     place, normal, directions = shapes.position[:, None], shapes.normal[:, None], directions[..., None]
-    is_sphere, is_plane = (np.array(shapes.types) == keyword for keyword in ("sphere", "plane"))
+    is_sphere, is_plane = (np.array(shapes.types) == keyword for keyword in ("spheres", "planes"))
     n = jnp.where(is_sphere, directions, normal)
     along = directions - normal * jnp.sum(normal * directions, axis=0)
     points = place + jnp.where(is_sphere, shapes.radius * n, jnp.where(is_plane, unit, 0.0) * along)
@@ -97,7 +97,7 @@ def _hidden(world: World) -> tuple[bool, ...]:
     is_one_ball = norm(apart, axis=-1) + np.abs(radius[:, None] - radius) < close
     is_parallel = norm(np.cross(normal[:, None], normal), axis=-1) < PARALLEL
     is_one_plane = is_parallel & (np.abs(np.einsum("abi,ai->ab", apart, normal)) < close)
-    is_same = np.where(types == "sphere", is_one_ball, is_one_plane & (types == "plane"))
+    is_same = np.where(types == "spheres", is_one_ball, is_one_plane & (types == "planes"))
     is_same &= (types[:, None] == types) & is_glass[:, None] & is_glass
     hidden = np.triu(is_same, 1).any(axis=0)
     return tuple((hidden if shapes.hidden is None else hidden | shapes.hidden).tolist())

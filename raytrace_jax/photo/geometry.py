@@ -16,8 +16,7 @@ from jaxtyping import Array, Bool, Float
 from ..optics.vectors import refract
 from ..scene.scene import PerspectiveCamera
 from ..tracer.geometry.camera import ray
-from ..tracer.geometry.sphere import chord
-from ..util.numerics import TINY, dot, normalize
+from ..util.numerics import TINY, dot, normalize, safe_sqrt
 
 Scalar = Float[Any, ""]
 """One number, of NumPy or of JAX."""
@@ -174,15 +173,18 @@ class Ball(eqx.Module):
         """Follow rays, in what has the index `outside`, into the ball, out of it and to the board's plane."""
         center, radius = self.center[:, None], self.radius
         ior = jnp.broadcast_to(self.ior / outside, o.shape[1:])
-        passing = chord(o, d, center, radius)
-        hits = (passing.discriminant > 1e-12 * radius * radius) & (passing.along > 0)
+        along = -dot(o - center, d)
+        nearest = o + along * d - center
+        squared = dot(nearest, nearest)
+        discriminant = radius * radius - squared
+        hits = (discriminant > 1e-12 * radius * radius) & (along > 0)
         # A ray that misses is followed from where it passes nearest, so that all is finite.
-        entry = o + (passing.along - passing.half) * d
+        entry = o + (along - safe_sqrt(discriminant)) * d
         inner, _, _ = refract(d, (entry - center) / radius, ior)
-        leave = entry + 2 * chord(entry, inner, center, radius).along * inner
+        leave = entry - 2 * dot(entry - center, inner) * inner
         outer, _, total = refract(inner, (leave - center) / radius, 1 / ior)
         place, distance = on_board(leave, outer)
-        reach = jnp.sqrt(jnp.maximum(dot(passing.across, passing.across), TINY)) / radius
+        reach = jnp.sqrt(jnp.maximum(squared, TINY)) / radius
         return Seen(place, reach, hits & ~total & (distance > 0))
 
 

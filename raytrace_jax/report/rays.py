@@ -9,10 +9,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from ..images import Transfer
-from ..scene.parameters import Block, blocks_of
+from ..scene.parameters import Block, blocks_of, shape_blocks
 from ..scene.scene import Scene
 from ..scene.slabs import with_planes
-from ..tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes, shape_materials
+from ..tracer.geometry.shape_types import SHAPE_TYPES, face, scene_shapes
 from ..tracer.geometry.shapes import CuttingPlane, Section
 from ..tracer.ray_tree import KINDS, RayNode, RayTree
 from ..tracer.settings import RenderSettings, ResolvedSettings, resolve_settings
@@ -47,10 +47,11 @@ def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPla
 def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedSettings) -> dict[str, Section]:
     """Each shape as a drawing shows it that reaches so far from the plane's centre, by name in the file's order."""
     shapes = jax.tree.map(np.asarray, scene_shapes(scene, settings))
-    return {
-        name: SHAPE_TYPES[kind].section(jax.tree.map(lambda x, i=i: x[..., i], shapes), view, reach)
-        for i, (name, kind) in enumerate(zip(scene.shape_order, shapes.types, strict=True))
-    }
+    found = {}
+    for name, kind, start in zip(scene.shape_order, shapes.types, shapes.starts, strict=True):
+        faces = [face(shapes, start + k) for k in range(SHAPE_TYPES[kind].count)]
+        found[name] = SHAPE_TYPES[kind].section(faces, view, reach)
+    return found
 
 
 def window(
@@ -131,7 +132,7 @@ def transparent_shapes(scene: Scene) -> set[str]:
         max(float(block.read(scene, weight)) for weight in ("alpha", "transmission"))
         for block in blocks_of(scene, "material")
     ]
-    owned = zip(scene.shape_order, shape_materials(scene), strict=True)
+    owned = zip(scene.shape_order, [shape.read(scene, "material") for shape in shape_blocks(scene)], strict=True)
     return {name for name, material in owned if through[material] > 0}
 
 
@@ -141,7 +142,8 @@ def _draw_shapes(
     """Draw and name all shapes; lines are named where they are farthest from what is `busy`, the hits and names."""
     low, high = np.transpose([ax.get_xlim(), ax.get_ylim()])
     materials, glass = blocks_of(scene, "material"), transparent_shapes(scene)
-    for (name, (cut, is_area, outline)), material in zip(shown.items(), shape_materials(scene), strict=True):
+    columns = [shape.read(scene, "material") for shape in shape_blocks(scene)]
+    for (name, (cut, is_area, outline)), material in zip(shown.items(), columns, strict=True):
         if len(outline):
             ax.add_patch(Polygon(outline, fill=False, edgecolor="0.65", linestyle=":", linewidth=0.8))
         named = cut if len(cut) or not is_area else outline

@@ -47,7 +47,7 @@ def check_values(scene: Scene) -> None:
         if shape.keyword == "rectangle" and _is_set(material.read(scene, "transmission")):
             raise SceneError(
                 f"rectangle {shape.name!r}: its material {material.name!r} lets light through, and a rectangle has no "
-                "inside: glass is a sphere, a slab, or a plane with all that is behind it."
+                "inside: glass is a body such as a sphere or a box, a slab, or a plane with all that is behind it."
             )
     # What can be written to may be another scene the next time.
     _checked[:] = leaves if all(isinstance(leaf, jax.Array) for leaf in leaves) else ()
@@ -100,7 +100,7 @@ def _unlit_shapes(scene: Scene) -> list[str]:
 def _unresolved_glass(scene: Scene) -> list[str]:
     """Balls and planes of glass that are nearer to the surface of another one, or to the camera, than rays can tell."""
     given, scene = scene, with_planes(scene)
-    shapes = [shape for shape in shape_blocks(scene) if shape.keyword != "rectangle"]
+    shapes = [shape for shape in shape_blocks(scene) if shape.type.group in ("spheres", "planes")]
     glass = {shape.name for shape in shapes if _is_set(material_of(scene, shape).read(scene, "transmission"))}
     if not glass:
         return []

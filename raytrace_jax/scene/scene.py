@@ -22,16 +22,22 @@ from .setting_words import ModelName
 from .structs import (
     AbbeMaterials,
     Background,
+    Boxes,
     CameraResponse,
     ChannelMaterials,
     Checkers,
+    CutCylinders,
+    CutSpheres,
+    Cylinders,
     FileSettings,
     ImagePlaneCamera,
     Images,
+    Lenses,
     Materials,
     PerspectiveCamera,
     Planes,
     PointLights,
+    Prisms,
     Rectangles,
     Slabs,
     Spheres,
@@ -73,7 +79,13 @@ class Scene(eqx.Module):
     channel_materials: ChannelMaterials
     planes: Planes
     spheres: Spheres
+    cut_spheres: CutSpheres
     rectangles: Rectangles
+    boxes: Boxes
+    prisms: Prisms
+    cylinders: Cylinders
+    cut_cylinders: CutCylinders
+    lenses: Lenses
     slabs: Slabs
     shape_order: tuple[str, ...] = eqx.field(static=True)
     further_views: tuple[View, ...] = ()

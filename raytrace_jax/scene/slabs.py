@@ -6,10 +6,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..util.numerics import normalize
+from ..util.numerics import direction
 from .scene import Scene
 from .schema import NO_BLOCK
 from .structs import Planes
+from .table import BLOCK_TYPES
 
 PARTS = ("air", "back", "inside", "front")
 """What is behind each plane of a slab. Of media that overlap the first in the file decides: the last plane is the first
@@ -52,24 +53,19 @@ def with_planes(scene: Scene) -> Scene:
 
     wall = jnp.where(slabs.wall > 0, slabs.wall, jax.lax.stop_gradient(slabs.wall))
     depth = jnp.stack([slabs.thickness, slabs.thickness - wall, wall, jnp.zeros_like(wall)])
-    # As a plane's: a normal of any length, whose squares neither overflow nor vanish.
-    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(slabs.normal), axis=0))
-    point = slabs.point[:, None] - depth * normalize(slabs.normal / largest)[:, None]
+    point = slabs.point[:, None] - depth * direction(slabs.normal)[:, None]
     faces = Planes(
         names=tuple(f"{name} {part}" for part in PARTS for name in slabs.names),
         material=(*air, *walls, *moved(slabs).material, *walls),
         normal=jnp.broadcast_to(slabs.normal[:, None], point.shape).reshape(3, -1),
         point=point.reshape(3, -1),
     )
-    return dataclasses.replace(
-        scene,
-        materials=_joined(old, walls_and_air),
-        planes=_joined(moved(scene.planes), faces),
-        spheres=moved(scene.spheres),
-        rectangles=moved(scene.rectangles),
-        slabs=jax.tree.map(lambda x: x[..., :0], dataclasses.replace(slabs, names=(), material=())),
-        shape_order=tuple(surface_owners(scene)),
-    )
+    groups = [row.group for rows in BLOCK_TYPES.values() for row in rows if row.is_shape]
+    shapes = {group: moved(getattr(scene, group)) for group in groups}
+    shapes["planes"] = _joined(shapes["planes"], faces)
+    shapes["slabs"] = jax.tree.map(lambda x: x[..., :0], dataclasses.replace(slabs, names=(), material=()))
+    materials = _joined(old, walls_and_air)
+    return dataclasses.replace(scene, materials=materials, **shapes, shape_order=tuple(surface_owners(scene)))
 
 
 def _joined(first: Any, second: Any) -> Any:

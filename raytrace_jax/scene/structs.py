@@ -19,6 +19,7 @@ from .schema import PICTURE_MIDDLE, RGB, XY, XYZ, Blocks, Limit, Quantity, Singl
 UNIT_INTERVAL = between(0, 1)
 POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
 NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
+NOT_POSITIVE = Limit(lambda values: bool(np.all(values <= 0)), "0 or less")
 NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other than 0 0 0")
 
 Number = Float[Array, ""]
@@ -42,6 +43,7 @@ PIXELS = Quantity("pixel", scale="vector")
 """A point of the picture."""
 
 PER_LENGTH = AMOUNT._replace(dimension=-1)
+CURVATURE = Quantity("unit of 1 / world unit", dimension=-1, ranges=ABOVE_ZERO)
 LENGTH = Quantity("world unit", dimension=1, ranges=ABOVE_ZERO)
 VECTOR = Quantity("world unit", dimension=1, scale="vector")
 """A point, or the way from one point to another."""
@@ -69,6 +71,12 @@ def _direction(**declared: Any) -> Any:
 
 def _length(**declared: Any) -> Any:
     return attribute(limit=POSITIVE, quantity=LENGTH, **declared)
+
+
+def _angle(**declared: Any) -> Any:
+    limit = Limit(lambda angle: bool(np.all((angle > 0) & (angle < 180))), "greater than 0 and less than 180 degrees")
+    # The range is within the limits also where its ends are rounded to float32.
+    return attribute(limit=limit, quantity=Quantity("degree", ranges=((1e-4, 179.9999),)), **declared)
 
 
 def _integer(least: int, most: int, without: str) -> Any:
@@ -139,12 +147,7 @@ class PerspectiveCamera(SingleBlock):
     viewpoint: Vector = _point()
     lookat: Vector = _point()
     up: Vector = _direction(default=(0.0, 1.0, 0.0))
-    # The range is within the limits also where its ends are rounded to float32.
-    fov: Number = _scalar(
-        USUAL_FOV,
-        Limit(lambda angle: bool(0 < angle < 180), "greater than 0 and less than 180 degrees"),
-        Quantity("degree", ranges=((1e-4, 179.9999),)),
-    )
+    fov: Number = _angle(default=(USUAL_FOV,))
     center: Pair = attribute(XY, default=PICTURE_MIDDLE, quantity=PIXELS)
     distortion: Pair = attribute(("k1", "k2"), default=(0.0, 0.0))
 
@@ -284,19 +287,96 @@ class Planes(Shapes):
     point: Vectors = _point()
 
 
+def _place(*sized_by: str) -> Any:
+    """The point that says where a body is, which a search moves all over the picture."""
+    return _point(VECTOR._replace(scale="block", sized_by=sized_by, role="position"))
+
+
+def _half() -> Any:
+    return _direction(quantity=VECTOR)
+
+
 class Spheres(Shapes):
     """Spheres with outward normals."""
 
-    center: Vectors = _point(VECTOR._replace(scale="block", sized_by=("radius",), role="position"))
+    center: Vectors = _place("radius")
     radius: Numbers = _length()
+
+
+class CutSpheres(Spheres):
+    """Spheres without what lies on the side of the vector `cut` of the plane through the center: half balls."""
+
+    cut: Vectors = _direction()
+
+
+class Boxes(Shapes):
+    """Blocks `center + u right + v up + w depth n` with u, v, w from -1 to 1 and n the direction of right x up.
+
+    `right` and `up` are orthogonal, as a rectangle's; `depth` is half the third side.
+    """
+
+    center: Vectors = _place("right", "up", "depth")
+    right: Vectors = _half()
+    up: Vectors = _half()
+    depth: Numbers = _length()
+
+
+class Prisms(Shapes):
+    """Prisms with a refracting edge and a base.
+
+    Args:
+        point: the middle of the refracting edge.
+        axis: half of that edge.
+        down: from there to the middle of the base, at right angles to the edge and to the base.
+        apex: the angle between the two faces that meet in the edge, in degrees; `down` halves it.
+    """
+
+    point: Vectors = _place("axis", "down")
+    axis: Vectors = _half()
+    down: Vectors = _half()
+    apex: Numbers = _angle()
+
+
+class Cylinders(Shapes):
+    """Rods and discs `radius` thick around `center`; `axis` leads from there to the middle of an end."""
+
+    center: Vectors = _place("axis", "radius")
+    axis: Vectors = _half()
+    radius: Numbers = _length()
+
+
+class CutCylinders(Cylinders):
+    """Cylinders without what lies on the side of the vector `cut` of the plane through the center: half discs."""
+
+    cut: Vectors = _direction()
+
+
+class Lenses(Shapes):
+    """Lenses with two faces that are parts of balls, or flat, and a cylinder as their rim.
+
+    Args:
+        center: the middle of the thickness on the axis.
+        axis: a direction along the axis, that of the light.
+        curvature1: 1 over the radius of the face that the light meets first; 0 of a flat one.
+        curvature2: of the last face, negative, as its center lies on the side that the light comes from.
+        thickness: on the axis.
+        diameter: of the rim.
+    """
+
+    center: Vectors = _place("diameter", "thickness")
+    axis: Vectors = _direction()
+    curvature1: Numbers = attribute(limit=NOT_NEGATIVE, quantity=CURVATURE)
+    curvature2: Numbers = attribute(limit=NOT_POSITIVE, quantity=CURVATURE._replace(ranges=((-math.inf, 0.0),)))
+    thickness: Numbers = _length()
+    diameter: Numbers = _length()
 
 
 class Rectangles(Shapes):
     """Two-sided rectangles `center + u right + v up` with u and v from -1 to 1; `right` and `up` are orthogonal."""
 
     center: Vectors = _point(VECTOR._replace(scale="block", sized_by=("right", "up")))
-    right: Vectors = _direction(quantity=VECTOR)
-    up: Vectors = _direction(quantity=VECTOR)
+    right: Vectors = _half()
+    up: Vectors = _half()
 
 
 class Slabs(Shapes):

@@ -25,10 +25,36 @@ def _direction(a: np.ndarray) -> np.ndarray:
 
 
 def _not_orthogonal(right: np.ndarray, up: np.ndarray) -> str | None:
-    cosine = float(np.clip(_direction(right) @ _direction(up), -1, 1))
+    return _oblique(right, up, "right and up")
+
+
+def _not_upright_base(axis: np.ndarray, down: np.ndarray) -> str | None:
+    return _oblique(axis, down, "axis and down")
+
+
+def _oblique(a: np.ndarray, b: np.ndarray, names: str) -> str | None:
+    cosine = float(np.clip(_direction(a) @ _direction(b), -1, 1))
     if abs(cosine) <= 1e-4:  # People write four or five digits.
         return None
-    return f"right and up must be orthogonal, but the angle between them is {np.degrees(np.arccos(cosine)):.6g} degrees"
+    return f"{names} must be orthogonal, but the angle between them is {np.degrees(np.arccos(cosine)):.6g} degrees"
+
+
+def _no_rim(curvature1: np.ndarray, curvature2: np.ndarray, thickness: np.ndarray, diameter: np.ndarray) -> str | None:
+    half = float(diameter) / 2
+    for name, curvature in (("curvature1", float(curvature1)), ("curvature2", float(curvature2))):
+        if half * abs(curvature) > 1:
+            return (
+                f"the face of {name} has a radius of {1 / abs(curvature):.6g} and must reach the rim, {half:.6g} from "
+                f"the axis: diameter may be {2 / abs(curvature):.6g}, or {name} {np.copysign(1 / half, curvature):.6g}"
+            )
+    bends = abs(float(curvature1)), abs(float(curvature2))
+    least = sum(bend * half**2 / (1 + np.sqrt(1 - (bend * half) ** 2)) for bend in bends)
+    if least <= thickness:
+        return None
+    return (
+        f"the two faces cross before the rim: at {half:.6g} from the axis they are {least:.6g} nearer to each other "
+        f"than on it, so that thickness must be {least:.6g} or more, not {float(thickness):.6g}"
+    )
 
 
 def _not_upright(viewpoint: np.ndarray, lookat: np.ndarray, up: np.ndarray) -> str | None:
@@ -73,7 +99,13 @@ _ROWS = (
     BlockType("material", "channel_materials", structs.ChannelMaterials),
     BlockType("plane", "planes", structs.Planes, textures=("checkers",)),
     BlockType("sphere", "spheres", structs.Spheres),
+    BlockType("sphere", "cut_spheres", structs.CutSpheres),
     BlockType("rectangle", "rectangles", structs.Rectangles, (_not_orthogonal,), textures=("checkers", "images")),
+    BlockType("box", "boxes", structs.Boxes, (_not_orthogonal,)),
+    BlockType("prism", "prisms", structs.Prisms, (_not_upright_base,)),
+    BlockType("cylinder", "cylinders", structs.Cylinders),
+    BlockType("cylinder", "cut_cylinders", structs.CutCylinders),
+    BlockType("lens", "lenses", structs.Lenses, (_no_rim,)),
     BlockType("slab", "slabs", structs.Slabs, (_all_wall,)),
 )
 

@@ -19,7 +19,6 @@ from jaxtyping import Array, Bool, Float
 from ..errors import PictureError, SettingsError
 from ..scene.response import Frame, apply_response
 from ..scene.scene import Camera, Scene, map_scenes, without_texels
-from ..scene.slabs import surface_owners
 from ..util.compilation import jit
 from ..util.numerics import is_traced, is_zero, materialize
 from ..util.session import lack_of_memory
@@ -34,6 +33,7 @@ from .batches import (
 from .film import Film, Image
 from .geometry.camera import picture_place, pixel_step
 from .geometry.rays import Step
+from .geometry.shape_types import face_owners
 from .integrator import Wavefront, trace
 from .settings import AOVS, ResolvedSettings
 from .shading.image_texture import Pyramid
@@ -190,8 +190,8 @@ def color_batches(
         # The error is asked for here, too: who takes the variables alone may not use the colour.
         valid: Any = first.valid & (one > 0) if aov else None
         variables = {name: jnp.where(valid, AOVS[name].value(found), AOVS[name].missing) for name in aov}
-        if "shape_index" in aov and scenes.slabs.names:
-            owners = jnp.asarray([*surface_owners(scenes).values()], jnp.int32)
+        if "shape_index" in aov and scenes.shape_order:
+            owners = jnp.asarray([place for _, place in face_owners(scenes)], jnp.int32)
             variables["shape_index"] = jnp.where(valid, owners[first.shape], AOVS["shape_index"].missing)
         return {"color": found.color * one, **variables}, found.complete
 

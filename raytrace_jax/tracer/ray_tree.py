@@ -1,6 +1,7 @@
 """The rays of one pixel as a tree of nodes."""
 
 import functools
+from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -11,11 +12,11 @@ from jaxtyping import Array, Float, Int
 from ..errors import RaytraceError, SettingsError
 from ..optics import refract
 from ..scene.scene import Scene
-from ..scene.slabs import surface_owners
 from ..util.compilation import jit
 from ..util.numerics import dot
 from .geometry.camera import picture_place, pixel_step
 from .geometry.rays import NO_SHAPE, unpacked
+from .geometry.shape_types import face_owners
 from .integrator import RAYS_A_PLACE, Wavefront, trace_queue
 from .level import MODELS
 from .settings import RenderSettings, ResolvedSettings, resolve_settings
@@ -89,7 +90,7 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
         raise RaytraceError(f"the tree has more than {most} rays; allow fewer bounces.")
     arrays = {name: values[..., :tail] for name, values in arrays.items()}
     dropped = int(np.sum(arrays["wanted"] & (arrays["number"] == settings.levels)))
-    return RayTree((column, row), _as_nodes(arrays, tuple(surface_owners(scene))), dropped)
+    return RayTree((column, row), _as_nodes(arrays, [name for name, _ in face_owners(scene)]), dropped)
 
 
 @functools.partial(jit, static_argnames=("settings", "most"))
@@ -125,7 +126,7 @@ def _queue_of(
     return queue.tail, arrays
 
 
-def _as_nodes(arrays: dict[str, np.ndarray], names: tuple[str, ...]) -> tuple[RayNode, ...]:
+def _as_nodes(arrays: dict[str, np.ndarray], names: Sequence[str]) -> tuple[RayNode, ...]:
     """The rays of a queue as nodes, level by level; what is told of a hit is nothing where there is none."""
     nodes: list[RayNode] = []
     # Whose child sits in which place of the queue; parents come before their children.

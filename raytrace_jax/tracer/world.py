@@ -14,7 +14,7 @@ from ..scene.setting_words import ModelName
 from ..scene.slabs import with_planes
 from ..scene.table import BLOCK_TYPES
 from .geometry.rays import Number
-from .geometry.shape_types import repeated, scene_shapes, shape_materials
+from .geometry.shape_types import face_materials, repeated, scene_shapes
 from .geometry.shapes import Shapes
 from .settings import ResolvedSettings
 from .shading.image_texture import Pyramid
@@ -25,7 +25,7 @@ class World(eqx.Module):
     """A scene as rays meet it: shapes and their materials in the order of the file, and the lights."""
 
     shapes: Shapes
-    materials: Any  # Of each shape the properties that the model uses, one of `MATERIALS`.
+    materials: Any  # Of each face the properties that the model uses, one of `MATERIALS`.
     lights: PointLights
     # What small distances are measured in, without derivative: 1 in a scene as large as the course's, so that a scene
     # is traced alike in metres and in millimetres.
@@ -48,7 +48,7 @@ def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyra
         shapes = eqx.tree_at(lambda s: s.hidden, shapes, hidden, is_leaf=lambda leaf: leaf is None)
     if pyramids is None:
         pyramids = prepare_pyramids(scene, settings.edges) if has_more else ()
-    columns, fields = jnp.asarray(shape_materials(scene), jnp.int32), MATERIALS[settings.model]._fields
+    columns, fields = jnp.asarray(face_materials(scene), jnp.int32), MATERIALS[settings.model]._fields
     return World(
         shapes,
         MATERIALS[settings.model](*(material_property(scene, name)[..., columns] for name in fields)),
@@ -98,4 +98,4 @@ def channel_indices(scene: Scene) -> Float[Array, "3 shapes"] | None:
     dispersed = scene.abbe_materials
     by_abbe = jnp.stack([cauchy_index(dispersed.ior, dispersed.abbe, length) for length in CHANNEL_WAVELENGTHS])
     every = jnp.concatenate([alike, by_abbe, scene.channel_materials.ior], axis=-1)
-    return every[:, jnp.asarray(shape_materials(scene), jnp.int32)]
+    return every[:, jnp.asarray(face_materials(scene), jnp.int32)]

@@ -75,6 +75,12 @@ def normalize(a: Vectors) -> Vectors:
     return a * jax.lax.rsqrt(dot(a, a))
 
 
+def direction(a: Vectors) -> Vectors:
+    """Vectors of length one along `a`, which has any length but 0: its squares neither overflow nor vanish."""
+    # The scale is only a matter of rounding and has no derivative.
+    return normalize(a / jax.lax.stop_gradient(jnp.max(jnp.abs(a), axis=0)))
+
+
 def renormalize(a: Vectors) -> Vectors:
     """Vectors of length one but for rounding errors, without most of these: a Newton step of the inverse root."""
     return a * ((3 - dot(a, a)) / 2)

@@ -25,7 +25,7 @@ def test_every_field_of_a_scene_has_its_rows():
     fields = [field.name for field in dataclasses.fields(Scene)]
     assert fields[-2:] == ["shape_order", "further_views"]
     assert list(dict.fromkeys(kind.group for kind in KINDS)) == fields[1:-2]
-    assert SHAPE_KEYWORDS == ("plane", "sphere", "rectangle", "slab")
+    assert SHAPE_KEYWORDS == ("plane", "sphere", "rectangle", "box", "prism", "cylinder", "lens", "slab")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -79,7 +79,7 @@ def test_attributes_share_their_components():
 
 
 def test_tables_know_the_same_names():
-    assert set(SHAPE_TYPES) | {"slab"} == set(SHAPE_KEYWORDS)
+    assert set(SHAPE_TYPES) | {"slabs"} == {kind.group for kind in KINDS if kind.is_shape}
     assert {kind.struct for kind in BLOCK_TYPES["camera"]} == set(DIRECTIONS)
     assert set(MODELS) == set(MODEL_RULES) == set(get_args(ModelName))
     assert set(LOSSES) == set(get_args(LossName))

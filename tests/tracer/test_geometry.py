@@ -119,7 +119,7 @@ def test_a_spawned_ray_misses_its_origin(dtype, seed):
     rays, live = children_of(scene, random_rays(seed, dtype))
     hits = intersect_compiled(scene_shapes(scene), rays, live, jnp.ones((), dtype))
     again = np.asarray(hits.valid & (hits.shape == rays.origin_shape))
-    is_sphere = np.asarray([kind == "sphere" for kind in scene_shapes(scene).types])
+    is_sphere = np.asarray([kind == "spheres" for kind in scene_shapes(scene).types])
     assert np.all(is_sphere[np.asarray(hits.shape)[again]])
     assert np.all(np.asarray(rays.inside)[again])
     assert np.all(np.asarray(hits.t)[np.asarray(hits.valid)] > float(least_distance(jnp.ones((), dtype))))

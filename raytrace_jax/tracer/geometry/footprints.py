@@ -23,7 +23,7 @@ from ...util.numerics import TINY_32, away_from_zero, clamp01, dot, safe_normali
 from ..settings import SUBDIVISIONS
 from .intersection import Nodes, SurfaceInteraction
 from .rays import Axes, Flags, NodeScalars, Number, Pairs, Rays, Scalars, Vectors
-from .shapes import GRAZING, Shapes, surface_value
+from .shapes import GRAZING, Shapes, across, surface_value
 
 LEAST_SPREAD = 0.002
 """A ray is subdivided where its weight times the square of a spread, in radians, is more than this.
@@ -44,8 +44,8 @@ def transport(rays: Rays, si: SurfaceInteraction, shape: Shapes, scatter) -> tup
         cos = away_from_zero(dot(si.n, rays.d), GRAZING)
         t = si.t - (value - stop_gradient(value)) / cos
         p = o + t * d
-        # The gradient of F is linear in p: the normal turns by the curvature times the way.
-        return p, *scatter(d, si.n + shape.curvature * (p - si.p))
+        # The gradient of F is linear in p: the normal turns by the curvature times the way across the axis.
+        return p, *scatter(d, si.n + shape.curvature * across(p - si.p, shape))
 
     along = jax.vmap(lambda *axis: jax.jvp(bounce, (rays.o, rays.d), axis)[1])(rays.footprint.o, rays.footprint.d)
     return stop_gradient(along)
@@ -70,7 +70,8 @@ def light_nodes(rays: Rays, si: SurfaceInteraction, shape: Shapes, p_axes: Axes)
     They are Gauss-Legendre nodes: in an interval of length one they lie `1 / sqrt(12)` to either side of the middle,
     and the mean of a cubic is that of its values there.
     """
-    curvature = stop_gradient(shape.curvature)
+    shape = stop_gradient(shape)
+    curvature = shape.curvature
 
     def moved(moves: Axes) -> Float[Array, "3 4 *rays"]:
         # All nodes in one array: one program for the four of them, which lie on either side along both axes.
@@ -83,9 +84,10 @@ def light_nodes(rays: Rays, si: SurfaceInteraction, shape: Shapes, p_axes: Axes)
     length = jnp.sqrt(jnp.maximum(jnp.sum(p_axes * p_axes, 1), 1e-20))
     fraction = (12**-0.5 / jnp.maximum(1, length * curvature))[:, None]
     p_moves, d_moves = fraction * p_axes, fraction * rays.footprint.d
+    n_moves = curvature * jax.vmap(across, (0, None))(p_moves, shape)
     p, d = moved(p_moves), moved(d_moves)
-    n = safe_normalize(si.n[:, None] + curvature * p)
-    spread = cosine_spread(*stop_gradient((rays.d, si.n, d_moves, curvature * p_moves)))
+    n = safe_normalize(si.n[:, None] + moved(n_moves))
+    spread = cosine_spread(*stop_gradient((rays.d, si.n, d_moves, n_moves)))
     return Nodes(si.p[:, None] + p, n, safe_normalize(rays.d[:, None] + d), spread)
 
 

@@ -9,7 +9,7 @@ from ...util.numerics import materialize
 from ..settings import ResolvedSettings
 from .rays import NO_SHAPE, Flags, Integers, NodeVectors, Number, Rays, Scalars, Vectors, take
 from .shape_types import fold_shapes
-from .shapes import Shapes, ShapeType, hit_distance, surface_normal
+from .shapes import Faces, Shapes, ShapeType, hit_distance, surface_normal
 
 
 class SurfaceInteraction(eqx.Module):
@@ -19,7 +19,7 @@ class SurfaceInteraction(eqx.Module):
     t: Scalars  # Distance from the ray's origin, world units.
     p: Vectors
     n: Vectors  # Unit normal there; outward for a sphere, as the file has it for a plane.
-    shape: Integers
+    shape: Integers  # The index of the face, as in `Shapes`.
     path_length: Scalars  # Length of the whole path from the viewpoint.
 
 
@@ -72,15 +72,15 @@ def intersect(shapes: Shapes, rays: Rays, live: Flags, unit: Number) -> SurfaceI
 
 
 def find_nearest(shapes: Shapes, rays: Rays, live: Flags, unit: Number) -> tuple[Scalars, Integers]:
-    """Distance and index of the nearest shape along each ray; infinity and `NO_SHAPE` where there is none.
+    """Distance and index of the nearest face along each ray; infinity and `NO_SHAPE` where there is none.
 
     Nothing here is differentiable: `hit_distance` adds the derivative for the one shape that was found.
     """
     least = least_distance(unit)
 
-    def ask(shape_type: ShapeType, shape: Shapes, index):
-        t, hits = shape_type.hit(rays, shape, rays.origin_shape == index, least)
-        return jnp.where(hits & shape.is_met, t, jnp.inf), jnp.asarray(index, jnp.int32)
+    def ask(shape_type: ShapeType, faces: Faces, index):
+        t, hits, face = shape_type.hit(rays, faces, index, least)
+        return jnp.where(hits & faces[0].is_met, t, jnp.inf), jnp.asarray(face, jnp.int32)
 
     def stored(found):
         return materialize(found, live) if isinstance(found, list) else found

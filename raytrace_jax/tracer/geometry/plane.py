@@ -9,35 +9,32 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...scene.scene import Planes
-from ...util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
+from ...util.numerics import away_from_zero, direction, dot, dot_fixed, normalize, vectors_to
 from . import shapes
-from .rays import Axes, Flags, Number, Pairs, Rays, Scalars, Vector, Vectors
-from .shapes import Approach, CuttingPlane, Edge, Hit, Section, Shapes, ShapeType
+from .rays import Axes, Flags, Integers, Number, Pairs, Rays, Scalars, Vector, Vectors
+from .shapes import Approach, CuttingPlane, Edge, Faces, Hit, Section, Shapes, ShapeType
 
 LEVEL = 1e-6  # A plane whose normal leans less than this from the y axis is level: its texture lies along x.
 
 
 def coefficients(planes: Planes) -> dict[str, Array]:
-    # A file's normal may have any length: scaled first, its squares neither overflow nor vanish. The scale is only a
-    # matter of rounding and has no derivative.
-    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(planes.normal), axis=0))
     zeros = jnp.zeros_like(planes.normal[0])
-    normal = normalize(planes.normal / largest)
-    return {"position": planes.point, "normal": normal, "curvature": zeros, "radius": zeros}
+    normal = direction(planes.normal)
+    return {"position": planes.point, "normal": normal, "curvature": zeros, "radius": zeros, "size": zeros + jnp.inf}
 
 
-def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> Hit:
+def flat_hit(rays: Rays, shape: Shapes, index: Integers | int, least: Number) -> tuple[Scalars, Flags]:
     cos = dot_fixed(shape.normal, rays.d)
     height = dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o)
     t = height / away_from_zero(cos, shapes.LEAST_COS)
-    return t, (jnp.abs(cos) >= shapes.LEAST_COS) & (t > 0) & (t > least) & ~own
+    return t, (jnp.abs(cos) >= shapes.LEAST_COS) & (t > 0) & (t > least) & (rays.origin_shape != index)
 
 
-def hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> Hit:
-    t, hits = flat_hit(rays, shape, own, least)
-    if shape.settings.rules.planes_end_at_image_plane:
+def hit(rays: Rays, faces: Faces, index: Integers | int, least: Number) -> Hit:
+    t, hits = flat_hit(rays, faces[0], index, least)
+    if faces[0].settings.rules.planes_end_at_image_plane:
         hits = hits & (rays.o[2] + t * rays.d[2] <= 0)
-    return t, hits
+    return t, hits, index
 
 
 def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
@@ -53,11 +50,14 @@ def edges(rays: Rays, shape: Shapes, outside: Flags, t: Scalars, near: Approach)
     return (Edge(-(rays.o[2] + t * rays.d[2]), slope, near.fraction),)
 
 
-def see_flat(edges: Callable, rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Number) -> shapes.Sighting:
+def see_flat(
+    edges: Callable, rays: Rays, faces: Faces, index: Integers | int, may_pass: Flags, least: Number
+) -> shapes.Sighting:
     """The meeting of each footprint with one flat shape that has these edges.
 
     Where its centre just misses, a part of it still may meet the shape.
     """
+    (shape,), own = faces, rays.origin_shape == index
     t = distance(rays, shape, own)
     ahead = (jnp.abs(dot(shape.normal, rays.d)) >= shapes.LEAST_COS) & (t > least) & ~own
     t_ahead = jnp.where(ahead, t, 0)
@@ -67,13 +67,14 @@ def see_flat(edges: Callable, rays: Rays, shape: Shapes, own: Flags, may_pass: F
     return shapes.Sighting(t, (centered | within) & ahead, jnp.zeros_like(own), centered)
 
 
-def flat_clearance(beyond: Callable, o: Vectors, light: Vector, shape: Shapes, unit: Number) -> Scalars:
+def flat_clearance(beyond: Callable, o: Vectors, light: Vector, faces: Faces, unit: Number) -> Scalars:
     """The height of `o` on the light's side of a flat surface; from behind, how far outside of it the way crosses it.
 
     Args:
         beyond: how far outside of a shape points of its surface are; None if it has no border. On the light's side
             nobody asks, where the way may cross the surface nowhere.
     """
+    (shape,) = faces
     light_height = dot_fixed(shape.normal, light - shape.position)
     height = -dot_fixed(shape.normal, vectors_to(shape.position, o))
     same_side = height * jnp.where(light_height < 0, -1, 1)
@@ -103,10 +104,10 @@ def flat_section(
     step = along[0] * drawing.right + along[1] * drawing.up
     high = reach + float(np.linalg.norm(foot))
     low = -high
-    for direction, limit in bounds:
-        room, speed = limit - direction @ start, direction @ step
+    for outwards, limit in bounds:
+        room, speed = limit - outwards @ start, outwards @ step
         # A line that goes along a border to twelve digits never crosses it.
-        if abs(speed) < 1e-12 * np.linalg.norm(direction):
+        if abs(speed) < 1e-12 * np.linalg.norm(outwards):
             low, high = (low, high) if room >= 0 else (1.0, 0.0)
         else:
             low, high = (low, min(high, room / speed)) if speed > 0 else (max(low, room / speed), high)
@@ -114,7 +115,8 @@ def flat_section(
     return foot + np.linspace(low, high, 2001)[:, None] * along if low < high else shapes.NO_POINTS
 
 
-def section(shape: Shapes, drawing: CuttingPlane, reach: float) -> Section:
+def section(faces: Faces, drawing: CuttingPlane, reach: float) -> Section:
+    (shape,) = faces
     ends = [(np.array([0.0, 0.0, 1.0]), 0.0)] if shape.settings.rules.planes_end_at_image_plane else []
     line = flat_section(np.asarray(shape.position), np.asarray(shape.normal), drawing, reach, ends)
     return Section(line, False, shapes.NO_POINTS)
@@ -131,4 +133,4 @@ def frame(shape: Shapes) -> tuple[Axes, Pairs]:
 
 
 see, clearance = functools.partial(see_flat, edges), functools.partial(flat_clearance, before_image_plane)
-PLANE = ShapeType(False, coefficients, hit, distance, see, edges, clearance, section, has_inside=True, frame=frame)
+PLANE = ShapeType(False, 1, coefficients, hit, distance, see, edges, clearance, section, has_inside=True, frame=frame)

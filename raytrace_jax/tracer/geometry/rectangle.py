@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...scene.scene import Rectangles
-from ...util.numerics import dot, normalize
+from ...util.numerics import direction, dot, normalize
 from . import shapes
 from .plane import distance, flat_clearance, flat_hit, flat_section, see_flat
-from .rays import Axes, Flags, Number, Pairs, Rays, Scalars, Vectors
-from .shapes import Approach, CuttingPlane, Edge, Hit, Section, Shapes, ShapeType
+from .rays import Axes, Flags, Integers, Number, Pairs, Rays, Scalars, Vectors
+from .shapes import Approach, CuttingPlane, Edge, Faces, Hit, Section, Shapes, ShapeType
 
 
 def coefficients(rectangles: Rectangles) -> dict[str, Array]:
@@ -20,16 +20,13 @@ def coefficients(rectangles: Rectangles) -> dict[str, Array]:
     axes = jnp.stack([rectangles.right, rectangles.up])
     right, up = unit_sides(axes)
     normal, zeros = normalize(jnp.cross(right, up, axis=0)), jnp.zeros_like(right[0])
-    return {"position": rectangles.center, "normal": normal, "curvature": zeros, "radius": zeros, "axes": axes}
+    numbers = {"curvature": zeros, "radius": zeros, "size": zeros + jnp.inf}
+    return {"position": rectangles.center, "normal": normal, "axes": axes, **numbers}
 
 
 def unit_sides(axes: Float[Array, "2 3 *shapes"]) -> list[Float[Array, "3 *shapes"]]:
     """The directions of both sides; any direction for what has no sides."""
-    # Scaled first, as a plane's normal is.
-    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(axes), axis=1, keepdims=True))
-    some = largest > 0
-    scaled = jnp.where(some, axes, 1) / jnp.where(some, largest, 1)
-    return [normalize(scaled[k]) for k in range(2)]
+    return [direction(jnp.where(jnp.any(axes[k] != 0, axis=0), axes[k], 1)) for k in range(2)]
 
 
 def within_borders(p: Vectors, shape: Shapes) -> list[Scalars]:
@@ -44,10 +41,11 @@ def within_borders(p: Vectors, shape: Shapes) -> list[Scalars]:
     ]
 
 
-def hit(rays: Rays, shape: Shapes, own: Flags, least: Number) -> Hit:
-    t, hits = flat_hit(rays, shape, own, least)
+def hit(rays: Rays, faces: Faces, index: Integers | int, least: Number) -> Hit:
+    (shape,) = faces
+    t, hits = flat_hit(rays, shape, index, least)
     along_right, along_up = within_borders(rays.o + jnp.where(hits, t, 0) * rays.d, shape)
-    return t, hits & (along_right >= 0) & (along_up >= 0)
+    return t, hits & (along_right >= 0) & (along_up >= 0), index
 
 
 def edges(rays: Rays, shape: Shapes, outside: Flags, t: Scalars, near: Approach) -> tuple[Edge, ...]:
@@ -71,7 +69,8 @@ def outside_borders(p: Vectors, shape: Shapes) -> Scalars:
     return jnp.maximum(-along_right, -along_up)
 
 
-def section(shape: Shapes, drawing: CuttingPlane, reach: float) -> Section:
+def section(faces: Faces, drawing: CuttingPlane, reach: float) -> Section:
+    (shape,) = faces
     center, (right, up) = np.asarray(shape.position, np.float64), np.asarray(shape.axes, np.float64)
     corners = [center + u * right + v * up for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
     outline = np.array([drawing.project(corner) for corner in corners])
@@ -88,4 +87,4 @@ def frame(shape: Shapes) -> tuple[Axes, Pairs]:
 
 
 see, clearance = functools.partial(see_flat, edges), functools.partial(flat_clearance, outside_borders)
-RECTANGLE = ShapeType(False, coefficients, hit, distance, see, edges, clearance, section, frame=frame)
+RECTANGLE = ShapeType(False, 1, coefficients, hit, distance, see, edges, clearance, section, frame=frame)

@@ -1,26 +1,37 @@
 """The table of shape types, questions to shapes of any type, and the shapes of a scene laid out for tracing."""
 
 import functools
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ...scene.parameters import shape_blocks
 from ...scene.scene import Scene
-from ...scene.table import BLOCK_TYPES
+from ...scene.slabs import surface_owners, with_planes
 from ...util.numerics import dot, select, unstacked, with_lower_ranks
 from ..settings import ResolvedSettings
+from . import bodies
 from .plane import PLANE
 from .rays import UNROLL
 from .rectangle import RECTANGLE
-from .shapes import Shapes, ShapeType
-from .sphere import SPHERE
+from .shapes import Faces, Shapes, ShapeType
 
-SHAPE_TYPES: dict[str, ShapeType] = {"plane": PLANE, "sphere": SPHERE, "rectangle": RECTANGLE}
-"""The types of shapes, by their keywords in a scene's file."""
+SHAPE_TYPES: dict[str, ShapeType] = {
+    "planes": PLANE,
+    "spheres": bodies.SPHERE,
+    "rectangles": RECTANGLE,
+    "cut_spheres": bodies.CUT_SPHERE,
+    "boxes": bodies.BOX,
+    "prisms": bodies.PRISM,
+    "cylinders": bodies.CYLINDER,
+    "cut_cylinders": bodies.CUT_CYLINDER,
+    "lenses": bodies.LENS,
+}
+"""The types of shapes, by their groups in a scene."""
 
 T = TypeVar("T")
 Answer = TypeVar("Answer")
@@ -29,7 +40,7 @@ Index = int | Int[Array, ""]
 
 def fold_shapes(
     shapes: Shapes,
-    ask: Callable[[ShapeType, Shapes, Index], Answer],
+    ask: Callable[[ShapeType, Faces, Index], Answer],
     combine: Callable[[T, Answer], T],
     start: T,
     settle: Callable[[T | list[Answer]], Any] = lambda found: found,
@@ -38,20 +49,22 @@ def fold_shapes(
     """The answers of all shapes of a scene, put together in turn; asked type by type, in loops where they are many.
 
     Args:
-        ask: the answer of one shape, from its type, itself and its index.
+        ask: the answer of one shape, from its type, its faces and the index of the first.
         combine: puts an answer to what was found before; the order of the shapes must not matter to it.
         settle: what to do with all answers before they are put together, and with what is found after each, where they
             are few. Chains of selections that feed each other are one kernel otherwise, which computes them anew.
     """
     names = [name for name in SHAPE_TYPES if name not in leave_out]
-    asked = {name: [k for k, other in enumerate(shapes.types) if other == name] for name in names}
+    placed = list(zip(shapes.types, shapes.starts, strict=True))
+    starts = {name: [start for other, start in placed if other == name] for name in names}
 
     def ask_one(name: str, index: Index) -> Answer:
-        return ask(SHAPE_TYPES[name], jax.tree.map(lambda values: values[..., index], shapes), index)
+        shape_type = SHAPE_TYPES[name]
+        return ask(shape_type, [face(shapes, index + k) for k in range(shape_type.count)], index)
 
-    if sum(map(len, asked.values())) <= UNROLL:
+    if sum(map(len, starts.values())) <= UNROLL:
         answers = []
-        for name, indices in asked.items():
+        for name, indices in starts.items():
             if len(indices) == 1:
                 answers.append(ask_one(name, indices[0]))
             elif indices:
@@ -60,7 +73,7 @@ def fold_shapes(
         for answer in settle(answers):
             start = settle(combine(start, answer))
         return start
-    for name, indices in asked.items():
+    for name, indices in starts.items():
         if indices:
             places = jnp.asarray(indices, jnp.int32)
 
@@ -71,8 +84,24 @@ def fold_shapes(
     return start
 
 
+def face(shapes: Shapes, index: Index) -> Shapes:
+    return jax.tree.map(lambda values: values[..., index], shapes)
+
+
+def families(names: Collection[str]) -> dict[Any, int]:
+    """The types of some names, of those that ask one face alike the first: all solids are one, named by their edges."""
+    found: dict[Any, int] = {}
+    for place, (name, shape_type) in enumerate(SHAPE_TYPES.items()):
+        if name in names:
+            found.setdefault(shape_type.edges, place)
+    return found
+
+
 def present_types(shapes: Shapes) -> list[tuple[int, ShapeType]]:
-    return [(place, shape_type) for place, (name, shape_type) in enumerate(SHAPE_TYPES.items()) if name in shapes.types]
+    """The families of types that there are, by the number that their faces have as type."""
+    known = families(SHAPE_TYPES)
+    places = [known[edges] for edges in families(shapes.types)]
+    return [(place, list(SHAPE_TYPES.values())[place]) for place in places]
 
 
 def by_type(shape: Shapes, answer: Callable[[ShapeType], T]) -> T:
@@ -83,39 +112,69 @@ def by_type(shape: Shapes, answer: Callable[[ShapeType], T]) -> T:
     return found
 
 
-def shape_materials(scene: Scene) -> list[int]:
-    return [shape.read(scene, "material") for shape in shape_blocks(scene)]
+def face_counts(scene: Scene) -> list[int]:
+    """How many faces each shape has, in the order of the file."""
+    return [SHAPE_TYPES[shape.type.group].count for shape in shape_blocks(scene)]
+
+
+def per_face(scene: Scene, of_shapes: Sequence[T]) -> list[T]:
+    """Of each face what its shape has."""
+    return [value for value, count in zip(of_shapes, face_counts(scene), strict=True) for _ in range(count)]
+
+
+def face_owners(scene: Scene) -> list[tuple[str, int]]:
+    """Of each face that rays meet the name of its surface, and the place of its shape in the file."""
+    counts = {shape.name: SHAPE_TYPES[shape.type.group].count for shape in shape_blocks(with_planes(scene))}
+    return [(name, place) for name, place in surface_owners(scene).items() for _ in range(counts[name])]
+
+
+def face_materials(scene: Scene) -> list[int]:
+    return per_face(scene, [shape.read(scene, "material") for shape in shape_blocks(scene)])
 
 
 def repeated(shapes: Shapes) -> Bool[Array, " shapes"]:
-    """Whether each shape has the surface of an earlier one; planes do whatever point of them the file has."""
-    is_plane = shapes.type == list(SHAPE_TYPES).index("plane")
+    """Whether each face is of a shape that has the surface of an earlier one; planes do whatever point the file has."""
+    is_plane = shapes.type == list(SHAPE_TYPES).index("planes")
     foot = jnp.where(is_plane, dot(shapes.normal, shapes.position) * shapes.normal, shapes.position)
     # Types differ in what is 0: a sphere's normal, and of flat shapes a plane's axes.
     rows = [foot, shapes.normal, shapes.radius[None]]
     if shapes.axes is not None:
-        rows.append(shapes.axes.reshape(-1, len(shapes.types)))
-    table = jnp.concatenate(rows)
-    same = jnp.all(table[:, :, None] == table[:, None], axis=0)
-    return jnp.any(jnp.tril(same, -1), axis=1)
+        rows.append(shapes.axes.reshape(-1, len(shapes.type)))
+    if shapes.axis is not None:
+        rows += [shapes.axis, shapes.curvature[None], shapes.type[None]]
+    table, hidden = jnp.concatenate(rows), jnp.zeros(len(shapes.type), bool)
+    ends = (*shapes.starts[1:], len(shapes.type))
+    counts = np.array([end - start for start, end in zip(shapes.starts, ends, strict=True)])
+    for count in sorted(set(counts.tolist())):
+        # The faces of the shapes that have so many, "shapes faces".
+        faces = np.array(shapes.starts)[counts == count][:, None] + np.arange(count)
+        of_shape = jnp.moveaxis(table[:, faces], -1, 0).reshape(-1, len(faces))
+        same = jnp.all(of_shape[:, :, None] == of_shape[:, None], axis=0)
+        hidden = hidden.at[faces].set(jnp.any(jnp.tril(same, -1), axis=1)[:, None])
+    return hidden
 
 
 @with_lower_ranks
 def scene_shapes(scene: Scene, settings: ResolvedSettings) -> Shapes:
-    groups = [getattr(scene, BLOCK_TYPES[keyword][0].group) for keyword in SHAPE_TYPES]
-    # The place of each shape, in the order of the file, in the list of all shapes type by type.
-    places = {name: place for place, name in enumerate(name for group in groups for name in group.names)}
-    order = jnp.asarray([places[name] for name in scene.shape_order], jnp.int32)
-    found = [shape_type.coefficients(group) for shape_type, group in zip(SHAPE_TYPES.values(), groups, strict=True)]
+    groups = {name: getattr(scene, name) for name in SHAPE_TYPES}
     # Types of which there is none in the scene add nothing to what is compiled.
-    found = [one for one, group in zip(found, groups, strict=True) if group.names] or found[:1]
-    if any("axes" in one for one in found):
-        for one in found:
-            one.setdefault("axes", jnp.zeros((2, *one["position"].shape), one["position"].dtype))
-    types, known = tuple(shape.keyword for shape in shape_blocks(scene)), list(SHAPE_TYPES)
-    return Shapes(
-        types=types,
-        settings=settings,
-        type=jnp.asarray([known.index(name) for name in types], jnp.int32),
-        **{name: jnp.concatenate([one[name] for one in found], -1)[..., order] for name in found[0]},
-    )
+    present = [name for name, group in groups.items() if group.names] or list(SHAPE_TYPES)[:1]
+    # Face after face of all shapes, type by type; and in that list the places of the faces in the order of the file.
+    faces = (name for kind in present for name in groups[kind].names for _ in range(SHAPE_TYPES[kind].count))
+    places: dict[str, list[int]] = {}
+    for place, name in enumerate(faces):
+        places.setdefault(name, []).append(place)
+    order = jnp.asarray([place for name in scene.shape_order for place in places[name]], jnp.int32)
+    found = [SHAPE_TYPES[kind].coefficients(groups[kind]) for kind in present]
+    for part, axes in (("axes", (2, 3)), ("axis", (3,))):
+        if any(part in one for one in found):
+            for one in found:
+                one.setdefault(part, jnp.zeros((*axes, *one["radius"].shape), one["radius"].dtype))
+    # Faces and shapes as one axis.
+    flat = [{k: x.reshape(*x.shape[: x.ndim - one["radius"].ndim], -1) for k, x in one.items()} for one in found]
+    columns = {name: jnp.concatenate([one[name] for one in flat], -1)[..., order] for name in flat[0]}
+    types, counts = tuple(shape.type.group for shape in shape_blocks(scene)), face_counts(scene)
+    family = families(SHAPE_TYPES)
+    numbers = [family[SHAPE_TYPES[name].edges] for name in per_face(scene, types)]
+    starts = tuple(sum(counts[:k]) for k in range(len(counts)))
+    return Shapes(types, starts, settings, jnp.asarray(numbers, jnp.int32), **columns)

@@ -1,8 +1,13 @@
-"""All types of shapes as one type of surface, and all that a type of shape says of itself.
+"""All faces of all shapes as one type of surface, and all that a type of shape says of itself.
 
-Every shape lies on the zero of `F(p) = normal.(p - position) + curvature/2 (|p - position|^2 - radius^2)`: a plane has
-curvature 0, a sphere has normal 0 and curvature 1/radius. On the surface the gradient of F is the outward unit normal,
-which gives one formula for the normal and, by the implicit function theorem, one for the derivative of the hit.
+Every face lies on the zero of `F(p) = n.q + k/2 (|q|^2 - (a.q)^2 - r^2)` with `q = p - position`, the normal n, the
+curvature k, the axis a and the radius r. A plane has k = 0, a sphere n = 0, a = 0 and k = 1/r, a cylinder n = 0,
+k = 1/r and an axis of length one; of a cap, as a lens has it, a = 0, r = 0, and the position is its vertex. On the
+surface the gradient of F, `n + k (q - (a.q) a)`, is the outward unit normal, which gives one formula for the normal
+and, by the implicit function theorem, one for the derivative of the hit. F is negative inside.
+
+Planes, rectangles and spheres have one face. A body, such as a box, has several of one material: it is inside of all of
+them.
 
 Rays, footprints, shadows and figures meet a shape through its `ShapeType`: a new type is a file beside this one with
 one of these, and a row in the table of `shape_types`. Among it are the edges that a ray's footprint may straddle, as
@@ -13,7 +18,7 @@ recedes keeps its outline to the last digit.
 
 import functools
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -24,7 +29,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...util.numerics import TINY_32, away_from_zero, dot, is_zero, with_lower_ranks
 from ..settings import ResolvedSettings
-from .rays import Axes, Flags, Pairs, Rays, Scalars, Vectors
+from .rays import Axes, Flags, Integers, Pairs, Rays, Scalars, Vectors
 
 LEAST_COS = 1e-6
 """A flat shape is not hit by a ray whose direction is closer than this to parallel (course model, 1.2)."""
@@ -35,15 +40,22 @@ OneOrAll = Float[Array, " *#rays"]
 
 
 class Shapes(eqx.Module):
-    """Shapes as the coefficients of F, `normal` of length one; those of a scene, or one for each ray."""
+    """Faces as the coefficients of F, `normal` and `axis` of length one or 0; those of a scene, or one for each ray.
+
+    The faces of a scene are those of one shape after the other, in the order of the file. A face stands for its shape
+    wherever that is asked for: it has the shape's material, size and so on.
+    """
 
     types: tuple[str, ...] = eqx.field(static=True)  # Of all shapes of the scene, in the order of the file.
+    starts: tuple[int, ...] = eqx.field(static=True)  # The place of each shape's first face.
     settings: ResolvedSettings = eqx.field(static=True)  # How the picture is traced.
     type: Int[Array, " *shapes"]  # The place of the type in `shape_types.SHAPE_TYPES`.
     position: Float[Array, "3 *shapes"]
     normal: Float[Array, "3 *shapes"]
     curvature: Float[Array, " *shapes"]
     radius: Float[Array, " *shapes"]
+    size: Float[Array, " *shapes"]  # The radius of a ball of the shape's volume, infinite of what has no end.
+    axis: Float[Array, "3 *shapes"] | None = None  # None where no shape of the scene is a body.
     # Two half-side vectors of shapes with sides, from their positions; 0 for others, None where all are others.
     axes: Float[Array, "2 3 *shapes"] | None = None
     hidden: Bool[Array, " *shapes"] | None = None  # An earlier shape has the same surface, and is all that is met.
@@ -53,17 +65,23 @@ class Shapes(eqx.Module):
         return True if self.hidden is None else ~self.hidden
 
 
+def across(way: Vectors, shape: Shapes) -> Vectors:
+    """The part of vectors across the axes of shapes, one shape a ray; all of it where there are none."""
+    return way if shape.axis is None else way - dot(shape.axis, way) * shape.axis
+
+
 def surface_value(p: Vectors, shape: Shapes) -> Scalars:
-    """F at points `p`, one shape a ray: negative inside of a sphere, behind a plane."""
+    """F at points `p`, one face a ray: negative inside of a sphere, behind a plane."""
     from_position = p - shape.position
+    from_axis = across(from_position, shape)
     return dot(shape.normal, from_position) + shape.curvature / 2 * (
-        dot(from_position, from_position) - shape.radius * shape.radius
+        dot(from_axis, from_axis) - shape.radius * shape.radius
     )
 
 
 def surface_normal(p: Vectors, shape: Shapes) -> Vectors:
-    """The gradient of F: on the surface the outward unit normal; one shape a ray."""
-    return shape.normal + shape.curvature * (p - shape.position)
+    """The gradient of F: on the surface the outward unit normal; one face a ray."""
+    return shape.normal + shape.curvature * across(p - shape.position, shape)
 
 
 def divisor(cos: Scalars, least: OneOrAll | float, side: OneOrAll | None = None) -> Scalars:
@@ -91,7 +109,7 @@ def hit_distance(
     `least_cos`, with its `side` as in `divisor`. The derivative of the given `t` is ignored.
 
     The formula holds wherever the ray meets the shape, and its t is this function's own result. So derivatives of any
-    order are exact. F's change with the curvature is 0 on the surface, and stays 0.
+    order are exact. Of a sphere F's change with the curvature is 0 on the surface, and stays 0.
     """
     return t
 
@@ -112,6 +130,13 @@ def _hit_distance_jvp(primals, tangents):
         (shape_dot.normal, lambda change: dot(from_position, change)),
         (shape_dot.radius, lambda change: -shape.curvature * shape.radius * change),
     )
+    if shape.axis is not None:
+        along, from_axis = dot(shape.axis, from_position), across(from_position, shape)
+        bulge = (dot(from_axis, from_axis) - shape.radius * shape.radius) / 2
+        derivatives += (
+            (shape_dot.axis, lambda change: -shape.curvature * along * dot(from_position, change)),
+            (shape_dot.curvature, lambda change: bulge * change),
+        )
     terms = [derivative(change) for change, derivative in derivatives if not is_zero(change)]
     if not terms:
         return t, jnp.zeros_like(t)
@@ -149,11 +174,11 @@ def approach(rays: Rays, shape: Shapes, t: Scalars, side: Scalars | None = None)
     rays, shape, t = jax.lax.stop_gradient((rays, shape, t))
     n = shape.normal if side is None else surface_normal(rays.o + t * rays.d, shape)
     cos = dot(n, rays.d)
-    across = rays.footprint.o + t * rays.footprint.d
-    slope = jnp.sum(n * across, 1) * (-1 / divisor(cos, GRAZING, side))
+    moves = rays.footprint.o + t * rays.footprint.d
+    slope = jnp.sum(n * moves, 1) * (-1 / divisor(cos, GRAZING, side))
     change = jnp.sum(jnp.abs(jnp.sum(n * rays.footprint.d, 1)), 0)
     if side is not None:
-        change += shape.curvature * jnp.sqrt(jnp.sum(across * across, (0, 1)) + TINY_32)
+        change += shape.curvature * jnp.sqrt(jnp.sum(moves * moves, (0, 1)) + TINY_32)
     # Distances of edges are divided by the fraction, which therefore stays above 0.
     return Approach(slope, jnp.clip(2 * FADE_COS * jnp.abs(cos) / (change + TINY_32), 1e-3, 1))
 
@@ -173,8 +198,11 @@ def is_within(edge: Edge) -> Flags:
     return edge.value > -0.9995 * edge.fraction * extent(edge)
 
 
-Hit = tuple[Scalars, Flags]
-"""The distance at which each ray may meet a shape, and whether it does."""
+Faces = Sequence[Shapes]
+"""The faces of one shape."""
+
+Hit = tuple[Scalars, Flags, Integers | int]
+"""The distance at which each ray may meet a shape, whether it does, and the index of the face that it meets."""
 
 
 class Sighting(NamedTuple):
@@ -184,6 +212,11 @@ class Sighting(NamedTuple):
     seen: Flags  # Any part of the footprint that matters meets it.
     outside: Flags  # It is a curved shape that is seen from outside of it.
     centered: Flags  # The footprint's centre meets it, not only a part beyond its edge.
+    # The places in the shape of the face that is met and of those in which it ends, -1 for none: at a crease the shape
+    # goes on, on its outline it does not.
+    face: Integers | int = 0
+    crease: Integers | int = -1
+    outline: Integers | int = -1
 
 
 class CuttingPlane(NamedTuple):
@@ -210,24 +243,26 @@ NO_POINTS = np.zeros((0, 2))
 
 
 class ShapeType(NamedTuple):
-    """A type of shape. "A shape" is a `Shapes` of one entry, or of one for each ray."""
+    """A type of shape. Of one shape it is told the faces, each a `Shapes` of one entry, and the index of the first."""
 
     curved: bool  # Closed and convex, with an outline where rays graze it; flat if not.
-    # Of the scene's struct of such shapes the fields of `Shapes`; `axes` only where the type has sides.
+    count: int  # How many faces it has.
+    # Of the scene's struct of such shapes the fields of `Shapes`, with the faces on the last axis where there are
+    # several; `axes` and `axis` only where the type has them.
     coefficients: Callable[[Any], dict[str, Array]]
-    # Distance to one shape, and whether that is a hit: of rays, shape, which rays start on it, and the least distance
-    # that counts. `hit_distance` makes it differentiable, as the next.
-    hit: Callable[[Rays, Shapes, Flags, Array], Hit]
-    distance: Callable[[Rays, Shapes, Flags], Scalars]  # To shapes that are met, one a ray; which from outside.
+    # Distance to one shape, and whether that is a hit: of rays, faces, index, and the least distance that counts.
+    # `hit_distance` makes it differentiable, as the next.
+    hit: Callable[[Rays, Faces, Any, Array], Hit]
+    distance: Callable[[Rays, Shapes, Flags], Scalars]  # To faces that are met, one a ray; which from outside.
     # How footprints meet one shape; as `hit`, and which rays have a level for what is past an edge.
-    see: Callable[[Rays, Shapes, Array, Array, Array], Sighting]
-    # The shapes' own edges, one shape a ray: of rays, shapes, which are seen from outside,
-    # distances, and how these change over the footprint.
+    see: Callable[[Rays, Faces, Any, Array, Array], Sighting]
+    # The edges that a face has of itself, one face a ray: of rays, faces, which are seen from outside, distances, and
+    # how these change over the footprint.
     edges: Callable[[Rays, Shapes, Array, Array, Approach], tuple[Edge, ...]]
     # How far the ways from points to a light stay clear of one shape, in world units, negative where it cuts them: of
-    # points, the light's location, shape, and unit of length.
-    clearance: Callable[[Array, Array, Shapes, Array], Scalars]
-    section: Callable[[Shapes, CuttingPlane, float], Section]  # As far as the drawing reaches.
+    # points, the light's location, faces, and unit of length.
+    clearance: Callable[[Array, Array, Faces, Array], Scalars]
+    section: Callable[[Faces, CuttingPlane, float], Section]  # As far as the drawing reaches.
     has_inside: bool = False  # There is glass behind its surface, wherever F is negative.
     # Unit directions of textures on shapes, and half the shapes' sizes along these, or infinity; None without mapping.
     frame: Callable[[Shapes], tuple[Axes, Pairs]] | None = None

@@ -33,7 +33,8 @@ from ..geometry.rays import (
     take,
 )
 from ..geometry.shape_types import fold_shapes
-from ..geometry.shapes import Shapes, ShapeType
+from ..geometry.shapes import Faces, ShapeType
+from ..geometry.solid import belongs
 from ..world import World
 from .textures import texture_colors
 
@@ -146,13 +147,13 @@ def light_fractions(
         clear: which fraction of the light each shape lets through; None where none of them lets any.
     """
 
-    def ask(shape_type: ShapeType, shape: Shapes, index):
-        clearance = shape_type.clearance(origins, light, shape, world.unit) / world.unit
+    def ask(shape_type: ShapeType, faces: Faces, index):
+        clearance = shape_type.clearance(origins, light, faces, world.unit) / world.unit
         # A flat shape never stands in the way of its own points.
-        ignored = (own == index) & (facing if shape_type.curved else True)
+        ignored = belongs(own, index, shape_type.count) & (facing if shape_type.curved else True)
         fraction = positive_fractions(clearance)
         if clear is not None:
             fraction += clear[index] * (1 - fraction)
-        return jnp.where(shape.is_met & ~ignored, fraction, 1)
+        return jnp.where(faces[0].is_met & ~ignored, fraction, 1)
 
     return fold_shapes(world.shapes, ask, operator.mul, jnp.ones_like(origins[0]))

@@ -8,9 +8,9 @@ Radiance is linear: nothing is clamped, nothing falls off along a ray but by abs
 with R by Fresnel's equations for unpolarised light, all of it times the absorption on the way to the surface. Radiance
 is not scaled by the squared index on refraction: from outside of all glass it cancels.
 
-Of all glass shapes around a point the smallest decides what is there, so that a bubble lies in its ball. Priorities by
-size (Schmidt and Budge 2002, "Simple nested dielectrics in ray traced images") need no list of what a path has entered:
-they say what is on either side of any surface, for any ray alike.
+Of all glass shapes around a point that of the least volume decides what is there, so that a bubble lies in its ball.
+Priorities by size (Schmidt and Budge 2002, "Simple nested dielectrics in ray traced images") need no list of what a
+path has entered: they say what is on either side of any surface, for any ray alike.
 """
 
 import functools
@@ -26,12 +26,13 @@ from ...optics import reflect, refract
 from ...optics.fresnel import reflected_share
 from ...scene.scene import least_distance
 from ...scene.schema import NO_BLOCK
-from ...util.numerics import dot, dot_fixed, materialize, per_ray, vectors_to
+from ...util.numerics import dot, materialize, per_ray
 from ..geometry.footprints import mean
 from ..geometry.intersection import Nodes, SurfaceInteraction
 from ..geometry.rays import NO_SHAPE, Flags, Integers, Pairs, Rays, Scalars, Vectors, take_column
 from ..geometry.shape_types import SHAPE_TYPES, fold_shapes
-from ..geometry.shapes import Shapes, ShapeType
+from ..geometry.shapes import Faces, ShapeType
+from ..geometry.solid import belongs, is_inside
 from ..world import World
 from .image_texture import environment_colors
 from .model import Children, LightSample, Media, Model, Surface, black, light_fractions, over_lights
@@ -94,8 +95,9 @@ def media_at(world: World, si: SurfaceInteraction, entering: Flags) -> Media:
     Light falls by `exp(-absorption t)` on the way through one (Beer-Lambert); where there is no hit all of it is left.
     """
     (outside, inside), (_, size) = innermost(world, si)
-    transmission, radius = (take_column(column, si.shape) for column in (world.materials.transmission, sizes(world)))
-    first = (radius < size) | ((radius == size) & (si.shape < inside))
+    columns = world.materials.transmission, stop_gradient(world.shapes.size)
+    transmission, own = (take_column(column, si.shape) for column in columns)
+    first = (own < size) | ((own == size) & (si.shape < inside))
     within = jnp.where(stop_gradient(transmission > 0) & (first | (inside == NO_SHAPE)), si.shape, inside)
     front, back = jnp.where(entering, outside, within), jnp.where(entering, within, outside)
     t = jnp.where(si.valid, si.t, 0)
@@ -109,15 +111,13 @@ def innermost(world: World, si: SurfaceInteraction) -> tuple[Int[Array, "2 *rays
 
     Each side is asked half the least distance of a hit off the surface: surfaces that coincide are crossed together.
     """
-    shapes, transmission, all_sizes, p, n = stop_gradient(
-        (world.shapes, world.materials.transmission, sizes(world), si.p, si.n)
-    )
+    shapes, transmission, p, n = stop_gradient((world.shapes, world.materials.transmission, si.p, si.n))
     off = least_distance(world.unit) / 2 * n
     p = jnp.stack([p + off, p - off], axis=1)
 
-    def ask(shape_type: ShapeType, shape: Shapes, index):
-        holds = is_inside(p, shape) & (transmission[index] > 0) & (si.shape != index)
-        return holds, all_sizes[index], index
+    def ask(shape_type: ShapeType, faces: Faces, index):
+        holds = is_inside(p, faces) & (transmission[index] > 0) & ~belongs(si.shape, index, shape_type.count)
+        return holds, faces[0].size, index
 
     def smaller(best, found):
         (best_size, best_index), (holds, size, index) = best, found
@@ -129,18 +129,6 @@ def innermost(world: World, si: SurfaceInteraction) -> tuple[Int[Array, "2 *rays
     hollow = [name for name, shape_type in SHAPE_TYPES.items() if not shape_type.has_inside]
     size, index = fold_shapes(shapes, ask, smaller, nothing, leave_out=hollow)
     return index, size
-
-
-def is_inside(p: Vectors, shape: Shapes) -> Flags:
-    toward = vectors_to(shape.position, p)
-    height = -dot_fixed(shape.normal, toward)
-    return height + shape.curvature / 2 * (dot(toward, toward) - shape.radius * shape.radius) < 0
-
-
-def sizes(world: World) -> Float[Array, " shapes"]:
-    """The size of each shape: its radius, and infinite for what has no end or no inside."""
-    curved = world.shapes.curvature > 0
-    return stop_gradient(jnp.where(curved, world.shapes.radius, jnp.inf))
 
 
 def index_of(world: World, medium: Integers) -> Scalars:

@@ -20,7 +20,7 @@ from ...util.numerics import clamp01, dot, instantiated, is_zero, per_ray, selec
 from ..geometry.footprints import parts
 from ..geometry.intersection import SurfaceInteraction
 from ..geometry.rays import Axes, PairAxes, Pairs, Scalars, Vectors, take
-from ..geometry.shape_types import present_types
+from ..geometry.shape_types import per_face, present_types
 from ..geometry.shapes import Shapes
 from .image_texture import Pyramid, image_colors, make_pyramid
 
@@ -29,7 +29,7 @@ class Textures(eqx.Module):
     checkers: Checkers
     images: Images
     pyramids: tuple[Pyramid, ...]  # Of each image; of one level where only points are looked up.
-    of_shape: tuple[int, ...] = eqx.field(static=True)  # The column of each shape's texture, or `NO_BLOCK`.
+    of_face: tuple[int, ...] = eqx.field(static=True)  # The column of each face's texture, or `NO_BLOCK`.
     column: tuple[tuple[str, int], ...] = eqx.field(static=True)  # The group of each texture, and its place in it.
 
 
@@ -51,17 +51,17 @@ def prepare_textures(scene: Scene, pyramids: tuple[Pyramid, ...]) -> Textures | 
     found = blocks_of(scene, "texture")
     if not found:
         return None
-    of_shape = tuple(material_of(scene, shape).read(scene, "texture") for shape in shape_blocks(scene))
+    of_shapes = [material_of(scene, shape).read(scene, "texture") for shape in shape_blocks(scene)]
     column = tuple((block.type.group, int(block.column or 0)) for block in found)
-    return Textures(scene.checkers, scene.images, pyramids, of_shape, column)
+    return Textures(scene.checkers, scene.images, pyramids, tuple(per_face(scene, of_shapes)), column)
 
 
 def texture_colors(textures: Textures, shapes: Shapes, si: SurfaceInteraction, footprint: Axes | None) -> Vectors:
     """The colour of the texture at each hit, 1 where there is none; `footprint` has the hit point's derivatives."""
     place = place_on(take(shapes, si.shape), si, footprint)
     color = jnp.ones_like(si.p)
-    for column in sorted(set(textures.of_shape) - {NO_BLOCK}):
-        here = jnp.asarray(np.array(textures.of_shape) == column)[si.shape]
+    for column in sorted(set(textures.of_face) - {NO_BLOCK}):
+        here = jnp.asarray(np.array(textures.of_face) == column)[si.shape]
         group, entry = textures.column[column]
         color = jnp.where(here, LOOK_UPS[group](textures, entry, place), color)
     return color

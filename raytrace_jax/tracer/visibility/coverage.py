@@ -22,8 +22,9 @@ from jaxtyping import Array
 
 from ...util.numerics import TINY_32, dot, select
 from ..geometry import shapes
-from ..geometry.rays import Flags, Pairs, Rays, Scalars
+from ..geometry.rays import Flags, Pairs, Rays, Scalars, Vectors
 from ..geometry.shapes import Approach, Edge, Shapes
+from ..geometry.solid import chord
 
 
 class SurfaceAhead(eqx.Module):
@@ -42,7 +43,7 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
     function F at the point where the ray meets the other surface: it has the same zero, and stays smooth at the rim.
     """
     fixed_rays, fixed_near, fixed_behind = stop_gradient((rays, near, behind))
-    along = -dot(fixed_rays.o - fixed_near.shape.position, fixed_rays.d)
+    along = deepest(fixed_rays.o, fixed_rays.d, fixed_near.shape)
     # The nearer sphere's F tells which surface comes first only before the sphere's middle, at `along`: beyond it F
     # grows again towards the far side of the sphere.
     by_near = (near.side < 0) & near.curved & (fixed_behind.t < along)
@@ -62,13 +63,21 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
     slope = sign * (jnp.sum(n * (rays.footprint.o + fixed_t * rays.footprint.d), 1) + cos * other.slope)
     by_function = by_near | by_behind
     value = jnp.where(by_function, sign * shapes.surface_value(rays.o + t * rays.d, sphere), behind.t - near.t)
+    radius = 1 / jnp.where(by_function, fixed_sphere.curvature, 1)
     fraction = jnp.where(
         by_function,
-        jnp.minimum(shapes.fraction_of_radius(slope, fixed_sphere.radius), other.fraction),
+        jnp.minimum(shapes.fraction_of_radius(slope, radius), other.fraction),
         jnp.minimum(near.approach.fraction, behind.approach.fraction),
     )
     slope = jnp.where(by_function, slope, behind.approach.slope - near.approach.slope)
     return Edge(value, slope, fraction, exists)
+
+
+def deepest(o: Vectors, d: Vectors, shape: Shapes) -> Scalars:
+    """How far along each ray its point is that is deepest inside of a curved face; anything for a flat one."""
+    if shape.axis is None:
+        return -dot(o - shape.position, d)
+    return chord(o, d, shape, "any").along
 
 
 def edge_distance(edge: Edge):

@@ -16,6 +16,7 @@ function* g of the ray, positive where the nearest surface is present:
     silhouette of a sphere that is seen from outside     (r^2 - (distance of its centre from the ray)^2) / 2r
     occlusion edge, where two surfaces are equally far    t_second - t_nearest (at a sphere's rim a smoother form)
     border of a rectangle                                 distance from it, within the rectangle
+    crease or outline of a body, where its faces end      -F of the other face at the hit point
     the course's cut of planes at the image plane         -z of the hit point
     the limit of paths, in the course's classic model     longest path - length of the path
 
@@ -45,19 +46,41 @@ from ..geometry import shapes as surfaces
 from ..geometry.intersection import SurfaceInteraction, ends_in_time
 from ..geometry.rays import NO_SHAPE, Flags, Integers, Number, Rays, Scalars, take
 from ..geometry.shape_types import Index, by_type, fold_shapes, present_types
-from ..geometry.shapes import GRAZING, Edge, Shapes, ShapeType, hit_distance
+from ..geometry.shapes import GRAZING, Edge, Faces, Shapes, ShapeType, hit_distance
+from ..geometry.solid import belongs, border, passed_face
 from . import coverage
 
 
 class Nearest(eqx.Module):
     t: Scalars
-    # The index of the shape or `NO_SHAPE` and, in the last two bits, what `Sighting` has: in one number, so that a
-    # comparison moves two numbers and not four.
+    # The index of the face or `NO_SHAPE` and, in the last bits, what `Sighting` has: in one number, so that a
+    # comparison moves two numbers and not six. Four bits each have how far from the face the others are, plus 8.
     code: Integers
+
+    @classmethod
+    def of(cls, found: surfaces.Sighting, index: Index, seen: Flags) -> "Nearest":
+        crease, outline = (jnp.where(other < 0, 0, other - found.face + 8) for other in (found.crease, found.outline))
+        flags = 2 * found.outside.astype(jnp.int32) + found.centered.astype(jnp.int32)
+        code = ((index + found.face) << 10) + (crease << 6) + (outline << 2) + flags
+        return cls(jnp.where(seen, found.t, jnp.inf), code.astype(jnp.int32))
 
     @property
     def shape(self) -> Integers:
-        return self.code >> 2
+        return self.code >> 10
+
+    @property
+    def crease(self) -> Integers:
+        """The index of the face of the same shape at the nearest crease; negative where there is none."""
+        return self.neighbour(6)
+
+    @property
+    def outline(self) -> Integers:
+        """The index of the face with which the outline of the shape is; negative where there is none."""
+        return self.neighbour(2)
+
+    def neighbour(self, bits: int) -> Integers:
+        offset = (self.code >> bits) & 15
+        return jnp.where(offset > 0, self.shape + offset - 8, NO_SHAPE)
 
     @property
     def outside(self) -> Flags:
@@ -79,12 +102,11 @@ def find_two_nearest(shapes: Shapes, rays: Rays, live, may_pass, least: Number) 
         return jnp.broadcast_to(one.reshape(one.shape + (1,) * len(count)), one.shape + count)
 
     # What one shape says: how far away a footprint meets it; infinity where it does not, or has gone past its edge.
-    def ask(shape_type: ShapeType, shape: Shapes, index: Index) -> Nearest:
-        shape = jax.tree.map(spread, shape)
-        found = shape_type.see(rays, shape, rays.origin_shape == index, may_pass, least)
-        seen = found.seen & (index != rays.footprint.passed[0]) & (index != rays.footprint.passed[1])
-        code = 4 * index + 2 * found.outside.astype(jnp.int32) + found.centered.astype(jnp.int32)
-        return Nearest(jnp.where(seen & shape.is_met, found.t, jnp.inf), code)
+    def ask(shape_type: ShapeType, faces: Faces, index: Index) -> Nearest:
+        faces = jax.tree.map(spread, faces)
+        found = shape_type.see(rays, faces, index, may_pass, least)
+        past = [belongs(passed, index, shape_type.count) for passed in rays.footprint.passed]
+        return Nearest.of(found, index, found.seen & ~past[0] & ~past[1] & faces[0].is_met)
 
     def nearer(found: Nearest, other: Nearest) -> Flags:
         # On a tie the first shape of the file wins; in a loop one type comes after the other.
@@ -98,9 +120,9 @@ def find_two_nearest(shapes: Shapes, rays: Rays, live, may_pass, least: Number) 
         nearest, lost = select(first, (found, nearest), (nearest, found))
         return nearest, select(lost.centered & nearer(lost, second), lost, second)
 
-    # At first both are at infinity. 4 times `NO_SHAPE` is the code of no shape without flags.
+    # At first both are at infinity. This is the code of no shape without flags.
     far = jnp.full_like(rays.path_length, jnp.inf)
-    nothing = Nearest(far, jnp.full_like(rays.origin_shape, 4 * NO_SHAPE))
+    nothing = Nearest(far, jnp.full_like(rays.origin_shape, NO_SHAPE << 10))
     return fold_shapes(shapes, ask, put_in_order, (nothing, nothing), lambda all_: materialize(all_, live))
 
 
@@ -143,6 +165,14 @@ def look(
         left = shapes.settings.path_limit - rays.path_length - t
         edges.append(Edge(left, -near.slope, near.fraction))
     edges.append(eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden))
+    # What is past an edge is behind the whole shape, but past a crease it is another face of it.
+    passed = nearest.shape
+    if shapes.axis is not None:
+        outline = border_at(rays, shapes, nearest.outline, t, near, False)
+        crease = border_at(rays, shapes, nearest.crease, t, near, nearest.outside)
+        edges.append(outline)
+        is_crease = coverage.most_central([crease])[0] < coverage.most_central(edges)[0]
+        edges, passed = [*edges, crease], jnp.where(is_crease, passed_face(passed), passed)
     distance, direction, fraction, step = materialize(coverage.most_central(edges), live)
     # Where it does not cut, the centre decides alone. The distance 2 is beyond any footprint's reach: all is near.
     cuts = found & (jnp.abs(distance) < coverage.reach(direction)) & may_pass
@@ -166,10 +196,18 @@ def look(
     si = materialize(hit_surface(near, nearest.shape, surface, t, least_cos, present), live)
 
     # What goes past ignores this surface and the one passed before, and counts for what is left of the pixel.
-    passed = jnp.stack([nearest.shape, rays.footprint.passed[0]])
+    passed = jnp.stack([passed, rays.footprint.passed[0]])
     throughput = rays.throughput * stop_gradient(1 - cut.area)
     past = eqx.tree_at(lambda r: (r.footprint.passed, r.throughput), far, (passed, throughput))
     return si, near, jnp.where(cuts, cut.area, 1), cuts, past
+
+
+def border_at(
+    rays: Rays, shapes: Shapes, other: Integers, t: Scalars, near: surfaces.Approach, enters: Flags | bool
+) -> Edge:
+    """`solid.border` with faces that are given by their indices; negative ones for none."""
+    edge = border(rays, take(shapes, jnp.maximum(other, 0)), t, near, enters)
+    return eqx.tree_at(lambda e: e.exists, edge, edge.exists & (other >= 0))
 
 
 def hit_surface(

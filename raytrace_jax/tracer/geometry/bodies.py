@@ -1,0 +1,105 @@
+"""The faces of the blocks of solids, as functions of their numbers: bodies that have several, and the sphere."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ...scene.structs import Boxes, CutCylinders, CutSpheres, Cylinders, Lenses, Prisms, Spheres
+from ...util.numerics import direction, dot
+from .solid import solid
+
+Numbers = Float[Array, " shapes"]
+Vectors = Float[Array, "3 shapes"]
+Face = dict[str, Array]
+
+
+def plane(point: Vectors, normal: Vectors) -> Face:
+    zeros = jnp.zeros_like(point[0])
+    return {"position": point, "normal": normal, "curvature": zeros, "radius": zeros, "axis": jnp.zeros_like(point)}
+
+
+def round_face(center: Vectors, radius: Numbers, axis: Vectors | None = None) -> Face:
+    """A ball's, or with an axis a cylinder's."""
+    none = jnp.zeros_like(center)
+    axis = none if axis is None else axis
+    return {"position": center, "normal": none, "curvature": 1 / radius, "radius": radius, "axis": axis}
+
+
+def cap(vertex: Vectors, normal: Vectors, curvature: Numbers) -> Face:
+    """A ball's, or a plane where the curvature is 0, through a point at which it has that normal."""
+    return plane(vertex, normal) | {"curvature": curvature}
+
+
+def body(volume: Numbers, *faces: Face) -> Face:
+    size = jnp.cbrt(3 / (4 * jnp.pi) * jax.lax.stop_gradient(volume))
+    size = jnp.broadcast_to(size[:, None], (len(volume), len(faces)))
+    return {"size": size, **{name: jnp.stack([face[name] for face in faces], axis=-1) for name in faces[0]}}
+
+
+def ball(spheres: Spheres) -> Face:
+    face = round_face(spheres.center, spheres.radius)
+    del face["axis"]
+    return face | {"size": spheres.radius}
+
+
+def half_ball(spheres: CutSpheres) -> Face:
+    faces = round_face(spheres.center, spheres.radius), plane(spheres.center, direction(spheres.cut))
+    return body(2 / 3 * jnp.pi * spheres.radius**3, *faces)
+
+
+def box(boxes: Boxes) -> Face:
+    right, up, center = direction(boxes.right), direction(boxes.up), boxes.center
+    forward = direction(jnp.cross(right, up, axis=0))
+    halves = [(boxes.right, right), (boxes.up, up), (boxes.depth * forward, forward)]
+    volume = 8 * dot(boxes.right, right) * dot(boxes.up, up) * boxes.depth
+    return body(volume, *(plane(center + s * half, s * normal) for half, normal in halves for s in (1, -1)))
+
+
+def prism(prisms: Prisms) -> Face:
+    point, along, down = prisms.point, direction(prisms.axis), direction(prisms.down)
+    half = jnp.radians(prisms.apex) / 2
+    aside = jnp.cos(half) * direction(jnp.cross(along, down, axis=0))
+    refracting = [plane(point, s * aside - jnp.sin(half) * down) for s in (1, -1)]
+    ends = [plane(point + s * prisms.axis, s * along) for s in (1, -1)]
+    volume = 2 * dot(prisms.axis, along) * dot(prisms.down, down) ** 2 * jnp.tan(half)
+    return body(volume, *refracting, plane(point + prisms.down, down), *ends)
+
+
+def cylinder(cylinders: Cylinders) -> Face:
+    return body(cylinder_volume(cylinders), *cylinder_faces(cylinders))
+
+
+def half_cylinder(cylinders: CutCylinders) -> Face:
+    cut = plane(cylinders.center, direction(cylinders.cut))
+    return body(cylinder_volume(cylinders) / 2, *cylinder_faces(cylinders), cut)
+
+
+def cylinder_faces(cylinders: Cylinders) -> list[Face]:
+    center, along = cylinders.center, direction(cylinders.axis)
+    ends = [plane(center + s * cylinders.axis, s * along) for s in (1, -1)]
+    return [round_face(center, cylinders.radius, along), *ends]
+
+
+def cylinder_volume(cylinders: Cylinders) -> Numbers:
+    return 2 * jnp.pi * cylinders.radius**2 * dot(cylinders.axis, direction(cylinders.axis))
+
+
+def lens(lenses: Lenses) -> Face:
+    along, radius = direction(lenses.axis), lenses.diameter / 2
+    faces, volume = [round_face(lenses.center, radius, along)], jnp.pi * radius**2 * lenses.thickness
+    for s, curvature in ((-1, lenses.curvature1), (1, -lenses.curvature2)):
+        faces.append(cap(lenses.center + s * lenses.thickness / 2 * along, s * along, curvature))
+        # What lies between a face and the plane through its vertex, up to the rim.
+        root = jnp.sqrt(jnp.maximum(1 - (curvature * radius) ** 2, 0))
+        depth = curvature * radius**2 / (1 + root)
+        volume -= jnp.pi * depth * (3 * radius**2 - depth**2) / 6
+    return body(jnp.maximum(volume, 0), *faces)
+
+
+SPHERE = solid(ball, "ball")
+CUT_SPHERE = solid(half_ball, "ball", "flat")
+BOX = solid(box, *["flat"] * 6)
+PRISM = solid(prism, *["flat"] * 5)
+CYLINDER = solid(cylinder, "cylinder", "flat", "flat")
+CUT_CYLINDER = solid(half_cylinder, "cylinder", "flat", "flat", "flat")
+LENS = solid(lens, "cylinder", "cap", "cap")
