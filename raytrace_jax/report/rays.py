@@ -49,7 +49,7 @@ def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedS
     shapes = jax.tree.map(np.asarray, scene_shapes(scene, settings))
     found = {}
     for name, kind, start in zip(scene.shape_order, shapes.types, shapes.starts, strict=True):
-        faces = [face(shapes, start + k) for k in range(SHAPE_TYPES[kind].count)]
+        faces = [face(shapes, start + k) for k in range(SHAPE_TYPES[kind].face_count)]
         found[name] = SHAPE_TYPES[kind].section(faces, view, reach)
     return found
 

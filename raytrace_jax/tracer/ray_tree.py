@@ -142,8 +142,11 @@ def _as_nodes(arrays: dict[str, np.ndarray], names: Sequence[str]) -> tuple[RayN
         fields |= {name: ray[name].item() for name in ("distance", "path_length")}
         if ray["valid"]:
             fields |= {name: ray[name].item() for name in ("entering", "theta_i", "total", "reflect", "transmit")}
-            fields |= {"shape": names[ray["shape"]], "theta_t": ray["theta_t"].item() if ray["theta_t"] >= 0 else None}
+            fields |= {
+                "shape": names[ray["shape"].item()],
+                "theta_t": ray["theta_t"].item() if ray["theta_t"] >= 0 else None,
+            }
             if ray.get("medium", NO_SHAPE) != NO_SHAPE:
-                fields |= {"medium": names[ray["medium"]], "absorbed": ray["absorbed"].item()}
+                fields |= {"medium": names[ray["medium"].item()], "absorbed": ray["absorbed"].item()}
         nodes.append(RayNode(number, parent, kind, ray["number"].item(), weight, **fields))
     return tuple(nodes)

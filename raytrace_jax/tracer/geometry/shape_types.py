@@ -60,7 +60,7 @@ def fold_shapes(
 
     def ask_one(name: str, index: Index) -> Answer:
         shape_type = SHAPE_TYPES[name]
-        return ask(shape_type, [face(shapes, index + k) for k in range(shape_type.count)], index)
+        return ask(shape_type, [face(shapes, index + k) for k in range(shape_type.face_count)], index)
 
     if sum(map(len, starts.values())) <= UNROLL:
         answers = []
@@ -114,7 +114,7 @@ def by_type(shape: Shapes, answer: Callable[[ShapeType], T]) -> T:
 
 def face_counts(scene: Scene) -> list[int]:
     """How many faces each shape has, in the order of the file."""
-    return [SHAPE_TYPES[shape.type.group].count for shape in shape_blocks(scene)]
+    return [SHAPE_TYPES[shape.type.group].face_count for shape in shape_blocks(scene)]
 
 
 def per_face(scene: Scene, of_shapes: Sequence[T]) -> list[T]:
@@ -124,7 +124,7 @@ def per_face(scene: Scene, of_shapes: Sequence[T]) -> list[T]:
 
 def face_owners(scene: Scene) -> list[tuple[str, int]]:
     """Of each face that rays meet the name of its surface, and the place of its shape in the file."""
-    counts = {shape.name: SHAPE_TYPES[shape.type.group].count for shape in shape_blocks(with_planes(scene))}
+    counts = {shape.name: SHAPE_TYPES[shape.type.group].face_count for shape in shape_blocks(with_planes(scene))}
     return [(name, place) for name, place in surface_owners(scene).items() for _ in range(counts[name])]
 
 
@@ -160,7 +160,7 @@ def scene_shapes(scene: Scene, settings: ResolvedSettings) -> Shapes:
     # Types of which there is none in the scene add nothing to what is compiled.
     present = [name for name, group in groups.items() if group.names] or list(SHAPE_TYPES)[:1]
     # Face after face of all shapes, type by type; and in that list the places of the faces in the order of the file.
-    faces = (name for kind in present for name in groups[kind].names for _ in range(SHAPE_TYPES[kind].count))
+    faces = (name for kind in present for name in groups[kind].names for _ in range(SHAPE_TYPES[kind].face_count))
     places: dict[str, list[int]] = {}
     for place, name in enumerate(faces):
         places.setdefault(name, []).append(place)

@@ -246,7 +246,7 @@ class ShapeType(NamedTuple):
     """A type of shape. Of one shape it is told the faces, each a `Shapes` of one entry, and the index of the first."""
 
     curved: bool  # Closed and convex, with an outline where rays graze it; flat if not.
-    count: int  # How many faces it has.
+    face_count: int  # How many faces it has.
     # Of the scene's struct of such shapes the fields of `Shapes`, with the faces on the last axis where there are
     # several; `axes` and `axis` only where the type has them.
     coefficients: Callable[[Any], dict[str, Array]]

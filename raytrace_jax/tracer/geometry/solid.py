@@ -114,12 +114,12 @@ def passage(kinds: Sequence[Kind], rays: Rays, faces: Faces, index: Integers | i
     t_in, first = largest([each.near for each in chords])
     t_out, last = largest([-each.far for each in chords])
     own = belongs(rays.origin_shape, index, len(faces))
-    # Beside an edge rounding may put the end before the start.
-    t_out = -t_out if len(faces) == 1 else jnp.where(own, jnp.maximum(-t_out, 0), -t_out)
+    # Beside a crease rounding may put the end before the start.
+    t_out = jnp.where(own, jnp.maximum(-t_out, 0), -t_out)
     return Passage(chords, t_in, t_out, first, last, own, own | (t_in < least))
 
 
-def passed_face(face: Integers) -> Integers:
+def passed_face(face: Any) -> Any:
     """What stands in `Footprint.passed` for a face alone, past whose crease a ray still may meet the solid."""
     return -2 - face
 
@@ -142,18 +142,18 @@ def largest(values: list[Scalars], without: Integers | int = -1) -> tuple[Scalar
 
 def hit(kinds: Sequence[Kind], rays: Rays, faces: Faces, index: Integers | int, least: Number) -> Hit:
     way = passage(kinds, rays, faces, index, least)
-    t, hits = meeting(way, rays, faces)
-    # A ray within a solid always leaves it.
-    counts = t > least if len(faces) == 1 else (t > least) | way.own
-    return t, hits & counts, index + face_met(way)
+    t, hits = meeting(way, rays, faces, least)
+    return t, hits, index + face_met(way)
 
 
-def meeting(way: Passage, rays: Rays, faces: Faces) -> tuple[Scalars, Flags]:
+def meeting(way: Passage, rays: Rays, faces: Faces, least: Number) -> tuple[Scalars, Flags]:
     """Distance at which rays meet one solid, and whether they do."""
     hits = jnp.where(way.own, rays.inside, way.t_in < way.t_out)
     if not faces[0].settings.second_root:
-        return way.t_in, hits & ~way.own
-    return jnp.where(way.within, way.t_out, way.t_in), hits
+        return way.t_in, hits & ~way.own & (way.t_in > least)
+    t = jnp.where(way.within, way.t_out, way.t_in)
+    # A ray within a solid always leaves it, however near to a crease it started.
+    return t, hits & (way.own | (t > least))
 
 
 def face_met(way: Passage) -> Integers | int:
@@ -170,8 +170,7 @@ def see(
 ) -> shapes.Sighting:
     """The meeting of each footprint with one solid. Where its centre just misses the rim, a part of it still may."""
     way = passage(kinds, rays, faces, index, least)
-    t, centered = meeting(way, rays, faces)
-    seen, outside = centered & ((t > least) | (way.own if len(faces) > 1 else False)), ~way.within
+    (t, seen), outside = meeting(way, rays, faces, least), ~way.within
     crease = outline = -1
     if len(faces) > 1:
         nears, fars = [each.near for each in way.chords], [-each.far for each in way.chords]
@@ -181,10 +180,8 @@ def see(
     # What the centre misses is beyond an edge of the face that comes last.
     face = chosen(faces, way.first)
     misses = may_pass & ~way.own & (way.t_in >= way.t_out) & (way.t_in > least)
-    first = way.t_in
-    if any(kind != "flat" for kind in kinds):
-        curved, rim = face.curvature > 0, silhouette(rays, face, chosen(way.chords, way.first), True)
-        misses = misses & (shapes.is_within(rim) | ~curved)
+    first, rim = way.t_in, silhouette(rays, face, chosen(way.chords, way.first), True)
+    misses = misses & (shapes.is_within(rim) | (face.curvature == 0))
     if len(faces) == 1:
         # Of a ball the first distance at which any part may meet it counts: half the longest chord before its middle.
         longest = safe_sqrt(2 * face.radius * (rim.value + shapes.extent(rim)))
@@ -192,13 +189,16 @@ def see(
     else:
         near = shapes.approach(rays, face, way.t_in, jnp.full_like(t, -1))
         misses = misses & shapes.is_within(border(rays, chosen(faces, outline), way.t_in, near, False))
-    t, seen, outside = jnp.where(misses, first, t), seen | misses, outside | misses
-    return shapes.Sighting(t, seen, outside, centered, face_met(way), crease, outline)
+    t, outside = jnp.where(misses, first, t), outside | misses
+    return shapes.Sighting(t, seen | misses, outside, seen, face_met(way), crease, outline)
 
 
 def chosen(values: Sequence[T], place: Integers | int) -> T:
     """Of pytrees the one at each ray's place; the last one where that is -1."""
-    return functools.reduce(lambda found, k: select(place == k, values[k], found), range(len(values) - 1), values[-1])
+    found = values[-1]
+    for k, value in enumerate(values[:-1]):
+        found = select(jnp.asarray(place == k), value, found)
+    return found
 
 
 def silhouette(rays: Rays, face: Shapes, passing: Chord, exists: Flags | bool) -> Edge:
@@ -269,9 +269,9 @@ def section(kinds: Sequence[Kind], faces: Faces, drawing: CuttingPlane, reach: f
     angle = np.linspace(0, 2 * np.pi, 3601)
     around = np.multiply.outer(drawing.right, np.cos(angle)) + np.multiply.outer(drawing.up, np.sin(angle))
 
-    def way(o: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where lines with points o along d, both "3 *lines", enter and leave."""
-        o, d = (jnp.asarray(x, faces[0].radius.dtype) for x in np.broadcast_arrays(o, d))
+    def way(*lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where lines with points and directions, both "3 *lines", enter and leave."""
+        o, d = (jnp.asarray(x, faces[0].radius.dtype) for x in np.broadcast_arrays(*lines))
         chords = [chord(o, d, face, kind) for face, kind in zip(faces, kinds, strict=True)]
         return np.max([each.near for each in chords], axis=0), np.min([each.far for each in chords], axis=0)
 
@@ -300,5 +300,7 @@ def section(kinds: Sequence[Kind], faces: Faces, drawing: CuttingPlane, reach: f
 
 def solid(coefficients: Callable[[Any], dict[str, Array]], *kinds: Kind) -> ShapeType:
     """The type of a solid that has faces of these kinds."""
-    hits, sees, clears, cuts = (functools.partial(function, kinds) for function in (hit, see, clearance, section))
-    return ShapeType(True, len(kinds), coefficients, hits, distance, sees, edges, clears, cuts, has_inside=True)
+    of: Callable[[Any], Any] = lambda function: functools.partial(function, kinds)  # noqa: E731
+    return ShapeType(
+        True, len(kinds), coefficients, of(hit), distance, of(see), edges, of(clearance), of(section), True
+    )

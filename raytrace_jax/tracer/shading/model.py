@@ -150,7 +150,7 @@ def light_fractions(
     def ask(shape_type: ShapeType, faces: Faces, index):
         clearance = shape_type.clearance(origins, light, faces, world.unit) / world.unit
         # A flat shape never stands in the way of its own points.
-        ignored = belongs(own, index, shape_type.count) & (facing if shape_type.curved else True)
+        ignored = belongs(own, index, shape_type.face_count) & (facing if shape_type.curved else True)
         fraction = positive_fractions(clearance)
         if clear is not None:
             fraction += clear[index] * (1 - fraction)

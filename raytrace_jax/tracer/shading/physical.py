@@ -116,7 +116,7 @@ def innermost(world: World, si: SurfaceInteraction) -> tuple[Int[Array, "2 *rays
     p = jnp.stack([p + off, p - off], axis=1)
 
     def ask(shape_type: ShapeType, faces: Faces, index):
-        holds = is_inside(p, faces) & (transmission[index] > 0) & ~belongs(si.shape, index, shape_type.count)
+        holds = is_inside(p, faces) & (transmission[index] > 0) & ~belongs(si.shape, index, shape_type.face_count)
         return holds, faces[0].size, index
 
     def smaller(best, found):

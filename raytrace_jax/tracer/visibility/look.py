@@ -105,7 +105,7 @@ def find_two_nearest(shapes: Shapes, rays: Rays, live, may_pass, least: Number) 
     def ask(shape_type: ShapeType, faces: Faces, index: Index) -> Nearest:
         faces = jax.tree.map(spread, faces)
         found = shape_type.see(rays, faces, index, may_pass, least)
-        past = [belongs(passed, index, shape_type.count) for passed in rays.footprint.passed]
+        past = [belongs(passed, index, shape_type.face_count) for passed in rays.footprint.passed]
         return Nearest.of(found, index, found.seen & ~past[0] & ~past[1] & faces[0].is_met)
 
     def nearer(found: Nearest, other: Nearest) -> Flags:
