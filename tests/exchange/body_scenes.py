@@ -3,7 +3,7 @@
 from raytrace_jax import parse_scene
 
 HEAD = """
-settings main { model physical mapping center max_bounces 40 least_weight 1e-09 }
+settings main { model physical mapping center max_bounces 16 least_weight 1e-05 }
 background sky { radiance 0.05 0.06 0.08 }
 texture squares { kind checker color1 0.1 0.15 0.25 color2 0.9 0.85 0.8 square 0.5 offset 0.13 0.07 }
 material board { emission 1 1 1 texture squares }
