@@ -117,7 +117,7 @@ def _exits(shapes: Shapes, d: Vectors) -> tuple[Vectors, Vectors]:
     owners = np.repeat(np.arange(count), counts)
     # From each flat face inwards by a little.
     inwards = 0.3 * jnp.where(jnp.isfinite(shapes.size), shapes.size, 0) * shapes.normal
-    middle = jax.ops.segment_sum((shapes.position - inwards).T, owners, count).T / counts
+    middle = jax.ops.segment_sum((shapes.position - inwards).T, owners, count).T / jnp.asarray(counts, d.dtype)
     each = jax.tree.map(lambda column: column[..., None, :], shapes)
     far = chord(middle[:, None, owners], d, each, "any").far
     t = jax.ops.segment_min(far.T, owners, count).T

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from ..described import Described, Material, Shape, Texture, Triple, overlap, reach, unit
 from .plugins import UPSIDE_DOWN, Color, LookAt, Matrix, Plugin, Point, Ref, Value, numbered
 
-
 KINDS = {"sphere": "sphere", "plane": "rectangle", "rectangle": "rectangle", "box": "cube", "cylinder": "cylinder"}
 """Mitsuba's shapes by the keywords of ours."""
 

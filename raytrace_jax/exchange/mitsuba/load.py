@@ -28,8 +28,8 @@ from .shapes import deepest_first, endless_glass, is_end, other_side, read_mediu
 def import_scene(path: StrPath, *, dtype: DTypeLike | None = None) -> tuple[Scene, tuple[str, ...]]:
     """Read a scene of Mitsuba 3, in XML.
 
-    It reads perspective cameras; spheres, rectangles, cubes and cylinders; dielectric, conductor and diffuse surfaces and what is
-    two-sided; area, point and constant emitters and environments; bitmaps and checkerboards; homogeneous media that
+    It reads perspective cameras; spheres, rectangles, cubes and cylinders; dielectric, conductor and diffuse surfaces
+    and what is two-sided; area, point and constant emitters and environments; bitmaps and checkerboards; homogeneous media that
     absorb.
 
     Args:
