@@ -283,14 +283,14 @@ def _numeric(values: object) -> Any:
 
 
 def touch(a: Shape, b: Shape) -> bool:
-    """Whether two shapes without planes have any point in common, on their surfaces or inside; of bodies it is tried."""
+    """Whether two shapes without planes have any point in common, on their surfaces or inside; bodies are sampled."""
     if a.is_body or b.is_body:
         return any(map(np.any, _held(a, b)))
     return bool(_apart(a, b) < a.numbers["radius"] + b.numbers["radius"])
 
 
 def overlap(a: Shape, b: Shape) -> bool:
-    """Whether the surfaces of two shapes with an inside cut one another; a rounding is no cut, of bodies it is tried."""
+    """Whether the surfaces of two shapes with an inside cut one another; a rounding is no cut, bodies are sampled."""
     if a.is_body or b.is_body:
         return any(np.any(held) and not np.all(held) for held in _held(a, b))
     if a.keyword == b.keyword == "plane":
@@ -303,7 +303,7 @@ def overlap(a: Shape, b: Shape) -> bool:
 
 
 def _held(a: Shape, b: Shape) -> list[np.ndarray]:
-    """Of each of two shapes, a body among them, which points of it are inside of the other; of planes none are asked."""
+    """Of each of two shapes, a body among them, which points are inside of the other; of planes none."""
     assert a.surface is not None and b.surface is not None, "an import has no bodies to compare"
     pairs = ((a, a.surface, b.surface), (b, b.surface, a.surface))
     return [other.holds(own) for shape, own, other in pairs if shape.keyword != "plane"]

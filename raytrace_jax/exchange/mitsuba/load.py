@@ -29,8 +29,8 @@ def import_scene(path: StrPath, *, dtype: DTypeLike | None = None) -> tuple[Scen
     """Read a scene of Mitsuba 3, in XML.
 
     It reads perspective cameras; spheres, rectangles, cubes and cylinders; dielectric, conductor and diffuse surfaces
-    and what is two-sided; area, point and constant emitters and environments; bitmaps and checkerboards; homogeneous media that
-    absorb.
+    and what is two-sided; area, point and constant emitters and environments; bitmaps and checkerboards; homogeneous
+    media that absorb.
 
     Args:
         dtype: floating dtype of the scene's arrays; None means JAX's default.
