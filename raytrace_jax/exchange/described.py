@@ -20,7 +20,7 @@ from ..scene.slabs import with_planes
 from ..tracer.geometry.camera import pixel_step, ray
 from ..tracer.geometry.plane import LEVEL
 from ..tracer.settings import ResolvedSettings
-from .media import PARALLEL, surface_media
+from .media import PARALLEL, Surface, surface_media
 
 Vector = Float[np.ndarray, "3"]
 Triple = tuple[float, ...]
@@ -127,6 +127,16 @@ class Shape(NamedTuple):
     inside: Material | None = None
     around: tuple[Material | None, ...] = ()  # All media that it is in.
     is_hidden: bool = False  # Its surface is that of an earlier shape.
+    surface: Surface | None = None  # None where it was not asked for.
+
+    @property
+    def is_ball(self) -> bool:
+        return self.keyword == "sphere" and "cut" not in self.numbers
+
+    @property
+    def is_body(self) -> bool:
+        """Whether it has several faces."""
+        return not self.is_ball and self.keyword not in ("plane", "rectangle")
 
     def block(self, material: str) -> Description:
         """The block of a shape that has the material of this name."""
@@ -154,9 +164,9 @@ class Described(NamedTuple):
     settings: ResolvedSettings
     lost: tuple[str, ...]  # What neither of the other programs can be told, a few words each.
 
-    def glass(self, *keywords: str) -> list[Shape]:
-        """The shapes of some keywords that light goes through."""
-        return [shape for shape in self.shapes if shape.material.is_glass and shape.keyword in keywords]
+    def glass(self) -> list[Shape]:
+        """The shapes with an inside that light goes through."""
+        return [shape for shape in self.shapes if shape.material.is_glass and shape.keyword != "rectangle"]
 
     def materials(self) -> list[Material]:
         """What the shapes are made of, each once."""
@@ -191,6 +201,7 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
             *map(of, media.sides[k]),
             around=tuple(map(of, media.around[k])),
             is_hidden=media.hidden[k],
+            surface=media.surfaces[k],
         )
         for k, block in enumerate(blocks)
     )
@@ -272,12 +283,16 @@ def _numeric(values: object) -> Any:
 
 
 def touch(a: Shape, b: Shape) -> bool:
-    """Whether two spheres have any point in common, on their surfaces or inside."""
+    """Whether two shapes without planes have any point in common, on their surfaces or inside; bodies are sampled."""
+    if a.is_body or b.is_body:
+        return any(map(np.any, _held(a, b)))
     return bool(_apart(a, b) < a.numbers["radius"] + b.numbers["radius"])
 
 
 def overlap(a: Shape, b: Shape) -> bool:
-    """Whether the surfaces of two shapes, spheres or planes, cut one another; a rounding is no cut."""
+    """Whether the surfaces of two shapes with an inside cut one another; a rounding is no cut, bodies are sampled."""
+    if a.is_body or b.is_body:
+        return any(np.any(held) and not np.all(held) for held in _held(a, b))
     if a.keyword == b.keyword == "plane":
         return bool(norm(np.cross(unit(a.numbers["normal"]), unit(b.numbers["normal"]))) > PARALLEL)
     if a.keyword == b.keyword:
@@ -287,14 +302,22 @@ def overlap(a: Shape, b: Shape) -> bool:
     return bool(abs(height) < (1 - PARALLEL) * ball.numbers["radius"])
 
 
+def _held(a: Shape, b: Shape) -> list[np.ndarray]:
+    """Of each of two shapes, a body among them, which points are inside of the other; of planes none."""
+    assert a.surface is not None and b.surface is not None, "an import has no bodies to compare"
+    pairs = ((a, a.surface, b.surface), (b, b.surface, a.surface))
+    return [other.holds(own) for shape, own, other in pairs if shape.keyword != "plane"]
+
+
 def reach(shapes: Iterable[Shape], eye: np.ndarray) -> float:
     """How far from the eye the farthest of some shapes ends; of a plane, and of flat glass, where its middle is."""
 
     def far(shape: Shape) -> float:
-        numbers, ends = shape.numbers, not shape.material.is_glass
-        sides = [norm(numbers[side]) for side in ("right", "up") if side in numbers and ends]
-        middle = numbers["point" if shape.keyword == "plane" else "center"]
-        return float(norm(np.subtract(middle, eye)) + numbers.get("radius", 0.0) + sum(sides))
+        numbers, ends = shape.numbers, shape.keyword != "rectangle" or not shape.material.is_glass
+        names = ("right", "up", "depth", "axis", "down", "radius", "diameter")
+        sides = [norm(numbers[side]) for side in names if side in numbers and ends]
+        middle = numbers["center"] if "center" in numbers else numbers["point"]
+        return float(norm(np.subtract(middle, eye)) + sum(sides))
 
     return max(map(far, shapes), default=0.0)
 

@@ -13,16 +13,44 @@ from numpy.linalg import norm
 from ..scene.scene import Scene, least_distance
 from ..tracer.geometry.intersection import SurfaceInteraction
 from ..tracer.geometry.rays import NO_SHAPE, Integers, Vectors
+from ..tracer.geometry.shapes import Shapes, surface_normal
+from ..tracer.geometry.solid import chord
 from ..tracer.settings import ResolvedSettings
 from ..tracer.shading.physical import innermost, media_at
 from ..tracer.world import World, prepare_world
 
-DIRECTIONS = np.random.default_rng(0).normal(size=(3, 15))
+DIRECTIONS = np.random.default_rng(0).normal(size=(3, 60))
 DIRECTIONS /= norm(DIRECTIONS, axis=0)
 """Directions all around, none of them along an axis."""
-PLACES = np.random.default_rng(1).uniform(-1, 1, size=(2, 15))
+PLACES = np.random.default_rng(1).uniform(-1, 1, size=(2, 60))
 PLACES[:, :4] = [-1, -1, 1, 1], [-1, 1, -1, 1]
 """Places on a rectangle in halves of its sides; the first are its corners."""
+
+
+class Face(NamedTuple):
+    """A face of a shape in plain numbers: the coefficients of F, as `tracer.geometry.shapes` has them."""
+
+    position: np.ndarray
+    normal: np.ndarray
+    axis: np.ndarray
+    curvature: float
+    radius: float
+
+    def value(self, p: np.ndarray) -> np.ndarray:
+        """F at points, negative inside."""
+        q = p - self.position[:, None]
+        return self.normal @ q + self.curvature / 2 * (np.sum(q * q, axis=0) - (self.axis @ q) ** 2 - self.radius**2)
+
+
+class Surface(NamedTuple):
+    """The faces of a shape, which is inside of all of them, and points of it."""
+
+    faces: tuple[Face, ...]
+    points: np.ndarray
+
+    def holds(self, other: "Surface") -> np.ndarray:
+        """Which points of another one are inside."""
+        return np.all([face.value(other.points) < 0 for face in self.faces], axis=0)
 
 
 class SurfaceMedia(NamedTuple):
@@ -33,49 +61,81 @@ class SurfaceMedia(NamedTuple):
     hidden: tuple[bool, ...]  # Whether a surface is that of an earlier shape, with which it is crossed.
     eye: int | None  # What the camera is in.
     far: frozenset[int | None]  # What is far away, where a background is.
+    surfaces: tuple[Surface, ...]
 
 
 def surface_media(scene: Scene, settings: ResolvedSettings) -> SurfaceMedia:
     """The media of a physical scene, of which slabs are planes; where a surface is cut, those of most of it."""
-    world, sides, there = jax.device_get(_asked(scene.alone(), settings))
-    pairs = [list(zip(*(_places(side[:, k]) for side in sides), strict=True)) for k in range(len(world.shapes.types))]
+    world, points, sides, there = jax.device_get(_asked(scene.alone(), settings))
+    place_of = {start: place for place, start in enumerate(world.shapes.starts)}
+
+    def places(shapes: np.ndarray) -> list[int | None]:
+        return [place_of.get(k) for k in shapes.tolist()]
+
+    pairs = [list(zip(*(places(side[:, k]) for side in sides), strict=True)) for k in range(len(place_of))]
     most = tuple(Counter(pair).most_common(1)[0][0] for pair in pairs)
     around = tuple(frozenset(itertools.chain.from_iterable(pair)) for pair in pairs)
-    eye, *far = _places(there)
-    return SurfaceMedia(most, around, _hidden(world), eye, frozenset(far))
+    eye, *far = places(there)
+    return SurfaceMedia(most, around, _hidden(world), eye, frozenset(far), _surfaces(world.shapes, points))
 
 
 @eqx.filter_jit
-def _asked(scene: Scene, settings: ResolvedSettings) -> tuple[World, list[Integers], Integers]:
-    """The world; what is outside and inside of each shape, at points of it; and what is at the eye and far away."""
+def _asked(scene: Scene, settings: ResolvedSettings) -> tuple[World, Vectors, list[Integers], Integers]:
+    """The world; points of each shape; what is outside and inside of it there; and what is at the eye and far away."""
     world = prepare_world(scene, settings, pyramids=())
     shapes, unit, directions = world.shapes, world.unit, jnp.asarray(DIRECTIONS, world.shapes.position.dtype)
-    count, eye = len(shapes.types), jnp.asarray(scene.camera.viewpoint, directions.dtype)[:, None]
+    starts, eye = np.array(shapes.starts, int), jnp.asarray(scene.camera.viewpoint, directions.dtype)[:, None]
     # Far beyond all that the camera shows.
     around = jnp.concatenate([eye, eye + 1e6 * unit * directions], axis=1)
     nowhere = jnp.full(around.shape[1], NO_SHAPE)
-    if not count:
-        return world, [], nowhere
-    # Points of a sphere all around, of a plane near the point that the file has, of a rectangle all over it.
-    place, normal, directions = shapes.position[:, None], shapes.normal[:, None], directions[..., None]
-    is_sphere, is_plane = (np.array(shapes.types) == keyword for keyword in ("spheres", "planes"))
-    n = jnp.where(is_sphere, directions, normal)
+    if not len(starts):
+        return world, around, [], nowhere
+    directions = directions[..., None]
+    points, n = _exits(shapes, directions)
+    # Points of a plane near the one that the file has, of a rectangle all over it.
+    place, normal = shapes.position[:, None, starts], shapes.normal[:, None, starts]
+    is_flat, is_plane = (np.isin(shapes.types, names) for names in (("planes", "rectangles"), "planes"))
     along = directions - normal * jnp.sum(normal * directions, axis=0)
-    points = place + jnp.where(is_sphere, shapes.radius * n, jnp.where(is_plane, unit, 0.0) * along)
+    flat = place + jnp.where(is_plane, unit, 0.0) * along
     if shapes.axes is not None:
-        points += jnp.einsum("ak,ais->iks", jnp.asarray(PLACES, points.dtype), shapes.axes)
-    owners = jnp.broadcast_to(jnp.arange(count), points.shape[1:])
+        flat += jnp.einsum("ak,ais->iks", jnp.asarray(PLACES, flat.dtype), shapes.axes[..., starts])
+    points, n = jnp.where(is_flat, flat, points), jnp.where(is_flat, normal, n)
+    owners = jnp.broadcast_to(starts, points.shape[1:])
     si = _hits(points, n, owners)
     fronts = []
     for from_outside in (True, False):
         front = media_at(world, si, jnp.full(si.shape.shape, from_outside)).front
         assert front is not None, "this model has media"
         fronts.append(front.reshape(owners.shape))
-    return world, fronts, innermost(world, _hits(around, jnp.zeros_like(around), nowhere))[0][0]
+    return world, points, fronts, innermost(world, _hits(around, jnp.zeros_like(around), nowhere))[0][0]
 
 
-def _places(shapes: np.ndarray) -> list[int | None]:
-    return [None if k == NO_SHAPE else k for k in shapes.tolist()]
+def _exits(shapes: Shapes, d: Vectors) -> tuple[Vectors, Vectors]:
+    """Where rays from within each shape leave it, and its normals there, one column a shape; of flat ones anything."""
+    count, faces = len(shapes.types), len(shapes.radius)
+    counts = np.diff([*shapes.starts, faces])
+    owners = np.repeat(np.arange(count), counts)
+    # From each flat face inwards by a little.
+    inwards = 0.3 * jnp.where(jnp.isfinite(shapes.size), shapes.size, 0) * shapes.normal
+    middle = jax.ops.segment_sum((shapes.position - inwards).T, owners, count).T / jnp.asarray(counts, d.dtype)
+    each = jax.tree.map(lambda column: column[..., None, :], shapes)
+    far = chord(middle[:, None, owners], d, each, "any").far
+    t = jax.ops.segment_min(far.T, owners, count).T
+    points = middle[:, None] + t * d
+    last = jax.ops.segment_max(jnp.where(far == t[:, owners], np.arange(faces), -1).T, owners, count).T
+    return points, surface_normal(points[..., owners], each)[:, np.arange(len(t))[:, None], last]
+
+
+def _surfaces(shapes: Shapes, points: np.ndarray) -> tuple[Surface, ...]:
+    axis = np.zeros_like(shapes.position) if shapes.axis is None else shapes.axis
+    columns = [np.asarray(x, np.float64).T for x in (shapes.position, shapes.normal, axis)]
+    numbers = [np.asarray(x, np.float64).tolist() for x in (shapes.curvature, shapes.radius)]
+    faces = [Face(*face) for face in zip(*columns, *numbers, strict=True)]
+    ends = (*shapes.starts[1:], len(faces))
+    return tuple(
+        Surface(tuple(faces[start:end]), np.asarray(points[:, :, k], np.float64))
+        for k, (start, end) in enumerate(zip(shapes.starts, ends, strict=True))
+    )
 
 
 def _hits(p: Vectors, n: Vectors, shape: Integers) -> SurfaceInteraction:
@@ -90,8 +150,10 @@ def _hidden(world: World) -> tuple[bool, ...]:
     Planes that look away from one another are among them, as of oil on water.
     """
     shapes, close = world.shapes, float(least_distance(jnp.asarray(world.unit))) / 2
-    types, is_glass = np.array(shapes.types, str), np.asarray(world.materials.transmission) > 0
-    place, normal, radius = (np.asarray(x.T, np.float64) for x in (shapes.position, shapes.normal, shapes.radius))
+    starts = np.array(shapes.starts, int)
+    types, is_glass = np.array(shapes.types, str), np.asarray(world.materials.transmission)[starts] > 0
+    columns = (shapes.position, shapes.normal, shapes.radius)
+    place, normal, radius = (np.asarray(x.T, np.float64)[starts] for x in columns)
     # Of each pair of shapes, by rows and columns.
     apart = place[:, None] - place
     is_one_ball = norm(apart, axis=-1) + np.abs(radius[:, None] - radius) < close
@@ -100,7 +162,7 @@ def _hidden(world: World) -> tuple[bool, ...]:
     is_same = np.where(types == "spheres", is_one_ball, is_one_plane & (types == "planes"))
     is_same &= (types[:, None] == types) & is_glass[:, None] & is_glass
     hidden = np.triu(is_same, 1).any(axis=0)
-    return tuple((hidden if shapes.hidden is None else hidden | shapes.hidden).tolist())
+    return tuple((hidden if shapes.hidden is None else hidden | shapes.hidden[starts]).tolist())
 
 
 PARALLEL = 1e-6

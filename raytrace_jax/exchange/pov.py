@@ -1,11 +1,13 @@
 """A scene in the language of POV-Ray 3.7."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 from numpy.linalg import norm
 
 from .described import Described, Shape, Texture, touch, unit
+from .media import Face
 
 Files = dict[str, np.ndarray]
 
@@ -50,7 +52,8 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
 
 def _lost(scene: Described) -> list[str]:
     """What POV-Ray does otherwise."""
-    lost, balls, planes = [], scene.glass("sphere"), scene.glass("plane")
+    lost, glass = [], scene.glass()
+    solids = [shape for shape in glass if shape.keyword != "plane"]
     for material in scene.materials():
         if material.is_glass and np.any(material.absorption):
             lost.append(f"{material.name}.absorption: POV-Ray attenuates the first stretch of a path in glass only")
@@ -60,7 +63,8 @@ def _lost(scene: Described) -> list[str]:
         texture = material.texture
         if texture and texture.texels is not None and (texture.filter, texture.wrap) == ("bilinear", "clamp"):
             lost.append(f"{material.name}: POV-Ray mixes the border of its picture with the other side's")
-    if len(balls) + len(planes) > 1 and (planes or any(touch(a, b) for k, a in enumerate(balls) for b in balls[:k])):
+    pairs = itertools.combinations(solids, 2)
+    if len(glass) > 1 and (len(solids) < len(glass) or any(itertools.starmap(touch, pairs))):
         lost.append("glass within glass: POV-Ray takes other media for some of the rays")
     return lost
 
@@ -77,8 +81,13 @@ def _background(scene: Described, stem: str, files: Files) -> str:
 
 def _shape(shape: Shape, stem: str, files: Files) -> str:
     numbers = shape.numbers
-    if shape.keyword == "sphere":
-        body = f"sphere {{ {pov_vector(numbers['center'])}, {numbers['radius']!r}"
+    if shape.keyword not in ("plane", "rectangle"):
+        assert shape.surface is not None
+        faces = shape.surface.faces
+        # A cylinder ends beyond the faces that cut it.
+        reach = 2 * max(float(norm(face.position - faces[0].position)) for face in faces)
+        parts = [_face(face, reach) for face in faces]
+        body = parts[0] if len(parts) == 1 else " ".join(["intersection {", *(f"{part} }}" for part in parts)])
         return f"// {shape.name}\n{body} {_material(shape, stem, files, np.ones(2))} }}"
     if shape.keyword == "plane":
         right, up = shape.axes()
@@ -92,6 +101,17 @@ def _shape(shape: Shape, stem: str, files: Files) -> str:
         origin, body = numbers["center"], f"polygon {{ 5, {corners}"
     frame = ", ".join(pov_vector(row)[1:-1] for row in (right, np.cross(n, right), n, origin))
     return f"// {shape.name}\n{body} {_material(shape, stem, files, halves)} matrix <{frame}> }}"
+
+
+def _face(face: Face, reach: float) -> str:
+    """What is inside of a face, without the closing brace."""
+    if not face.curvature:
+        return f"plane {{ {pov_vector(face.normal)}, {float(face.normal @ face.position)!r}"
+    if np.any(face.axis):
+        ends = ", ".join(pov_vector(face.position + s * reach * face.axis) for s in (-1, 1))
+        return f"cylinder {{ {ends}, {face.radius!r}"
+    center, radius = face.position - face.normal / face.curvature, face.radius or 1 / face.curvature
+    return f"sphere {{ {pov_vector(center)}, {radius!r}"
 
 
 def _material(shape: Shape, stem: str, files: Files, halves: np.ndarray) -> str:

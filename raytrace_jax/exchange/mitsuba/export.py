@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike
 from ..described import Described, Material, Shape, Texture, Triple, overlap, reach, unit
 from .plugins import UPSIDE_DOWN, Color, LookAt, Matrix, Plugin, Point, Ref, Value, numbered
 
+KINDS = {"sphere": "sphere", "plane": "rectangle", "rectangle": "rectangle", "box": "cube", "cylinder": "cylinder"}
+"""Mitsuba's shapes by the keywords of ours."""
+
 
 class MitsubaWriter:
     """A scene on its way: pictures of textures by their files, what Mitsuba does otherwise, plugins by their ids.
@@ -26,14 +29,16 @@ class MitsubaWriter:
 
     def plugins(self) -> list[Plugin]:
         scene = self.scene
-        absorbs = any(np.any(shape.material.absorption) for shape in scene.glass("sphere", "plane"))
+        absorbs = any(np.any(shape.material.absorption) for shape in scene.glass())
         depth: dict[str, Value] = {"max_depth": scene.settings.max_bounces + 1, "rr_depth": 1000}
         plugins = [Plugin("integrator", "volpath" if absorbs else "path", depth), self.sensor()]
         plugins += [self.background()] if scene.background else []
         for name, location, intensity in scene.lights:
             values = {"position": Point(_triple(location)), "intensity": _color(intensity)}
             plugins.append(Plugin("emitter", "point", values, name))
-        plugins += [self.shape(shape) for shape in scene.shapes if not shape.is_hidden and not _parts_nothing(shape)]
+        for shape in scene.shapes:
+            if not (shape.is_hidden or _parts_nothing(shape) or _is_formless(shape)):
+                plugins += self.shape(shape)
         return [self.identified(plugin) for plugin in plugins]
 
     def identified(self, plugin: Plugin) -> Plugin:
@@ -94,17 +99,19 @@ class MitsubaWriter:
         half_a_turn = Matrix(np.diag([-1.0, 1.0, -1.0, 1.0]))
         return Plugin("emitter", "envmap", {"filename": name, "to_world": half_a_turn}, scene.background)
 
-    def shape(self, shape: Shape) -> Plugin:
+    def shape(self, shape: Shape) -> list[Plugin]:
         numbers, material, halves = shape.numbers, shape.material, np.ones(2)
-        is_ball = shape.keyword == "sphere"
-        values: dict[str, Value] = {}
-        if is_ball:
+        kind, values = KINDS[shape.keyword], dict[str, Value]()
+        if kind == "sphere":
             values |= {"center": Point(_triple(numbers["center"])), "radius": numbers["radius"]}
+        elif kind == "cylinder":
+            first, last = (Point(_triple(numbers["center"] + s * numbers["axis"])) for s in (-1, 1))
+            values |= {"p0": first, "p1": last, "radius": numbers["radius"]}
         else:
             matrix, halves = self.frame(shape)
             values["to_world"] = Matrix(matrix)
             # A rectangle emits on the side of its normal: it is turned to the camera. Of glass the normal points out.
-            if not material.is_glass and (self.scene.view.eye - matrix[:3, 3]) @ matrix[:3, 2] < 0:
+            if kind != "cube" and not material.is_glass and (self.scene.view.eye - matrix[:3, 3]) @ matrix[:3, 2] < 0:
                 values["flip_normals"] = True
         values["bsdf"] = self.bsdf(shape, halves)
         if np.any(material.emission) and not material.is_glass:
@@ -112,7 +119,8 @@ class MitsubaWriter:
         # What is opaque parts no media: a path that it mirrors stays where it is.
         if material.is_glass:
             values |= _media(interior=shape.inside, exterior=shape.outside)
-        return Plugin("shape", "sphere" if is_ball else "rectangle", values, shape.name)
+        surface = Plugin("shape", kind, values, shape.name)
+        return [surface, *_ends(shape, values)] if kind == "cylinder" else [surface]
 
     def frame(self, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
         """The transform that makes a rectangle of Mitsuba's, whose sides are two long; and the halves of its sides."""
@@ -125,7 +133,8 @@ class MitsubaWriter:
         else:
             right, up, center = numbers["right"], numbers["up"], numbers["center"]
         matrix = np.eye(4)
-        matrix[:3] = np.stack([right, up, unit(np.cross(right, up)), center], axis=-1)
+        depth = numbers.get("depth", 1.0) * unit(np.cross(right, up))
+        matrix[:3] = np.stack([right, up, depth, center], axis=-1)
         return matrix, np.array([norm(right), norm(up)])
 
     def bsdf(self, shape: Shape, halves: np.ndarray) -> Plugin:
@@ -163,7 +172,14 @@ class MitsubaWriter:
 
 def _lost(scene: Described) -> list[str]:
     """What Mitsuba does otherwise."""
-    lost, glass = [], scene.glass("sphere", "plane")
+    lost, glass = (
+        [
+            f"{shape.name}: {shape.keyword} has no form in Mitsuba; it is left out"
+            for shape in scene.shapes
+            if _is_formless(shape)
+        ],
+        scene.glass(),
+    )
     for material in scene.materials():
         if not material.is_glass and np.any(material.diffuse) and material.reflectivity:
             lost.append(f"{material.name}: a matt surface that is a mirror as well; its reflectivity is left out")
@@ -182,6 +198,28 @@ def _lost(scene: Described) -> list[str]:
     if scene.lights and glass:
         lost.append("light through glass: in Mitsuba glass shadows point lights")
     return lost
+
+
+def _is_formless(shape: Shape) -> bool:
+    return shape.keyword not in KINDS or "cut" in shape.numbers
+
+
+def _ends(shape: Shape, values: dict[str, Value]) -> list[Plugin]:
+    """The two discs that close a cylinder, of the values of its tube."""
+    center, axis, radius = (shape.numbers[name] for name in ("center", "axis", "radius"))
+    across = unit(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))]))
+    discs = []
+    for s, called in ((-1, "first end"), (1, "last end")):
+        matrix, out = np.eye(4), s * unit(axis)
+        matrix[:3] = np.stack([radius * across, radius * np.cross(out, across), out, center + s * axis], axis=-1)
+        # Plugins of their own, as what is the same object counts as one that comes for the first time.
+        shared = {
+            key: value._replace() if isinstance(value, Plugin) else value
+            for key, value in values.items()
+            if key not in ("p0", "p1", "radius")
+        }
+        discs.append(Plugin("shape", "disk", {"to_world": Matrix(matrix), **shared}, f"{shape.name} {called}"))
+    return discs
 
 
 def rows_at_both_poles(texels: np.ndarray) -> np.ndarray:

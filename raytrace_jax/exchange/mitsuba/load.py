@@ -22,15 +22,15 @@ from ..described import BLACK, Material, Shape, unit
 from ..media import SurfaceMedia, surface_media
 from .parser import KNOWN, read_plugins, unread_properties
 from .plugins import Plugin, numbered
-from .shapes import deepest_first, endless_glass, other_side, read_medium, read_shape, read_sky, with_indices
+from .shapes import deepest_first, endless_glass, is_end, other_side, read_medium, read_shape, read_sky, with_indices
 
 
 def import_scene(path: StrPath, *, dtype: DTypeLike | None = None) -> tuple[Scene, tuple[str, ...]]:
     """Read a scene of Mitsuba 3, in XML.
 
-    It reads perspective cameras; spheres and rectangles; dielectric, conductor and diffuse surfaces and what is
-    two-sided; area, point and constant emitters and environments; bitmaps and checkerboards; homogeneous media that
-    absorb.
+    It reads perspective cameras; spheres, rectangles, cubes and cylinders; dielectric, conductor and diffuse surfaces
+    and what is two-sided; area, point and constant emitters and environments; bitmaps and checkerboards; homogeneous
+    media that absorb.
 
     Args:
         dtype: floating dtype of the scene's arrays; None means JAX's default.
@@ -45,8 +45,9 @@ def import_scene(path: StrPath, *, dtype: DTypeLike | None = None) -> tuple[Scen
     reader = _Importer(Path(path))
     plugins = read_plugins(path)
     reader.lost += unread_properties(plugins)
-    # Shapes are read by the camera, wherever it stands.
-    for plugin in sorted(plugins, key=lambda one: one.tag != "sensor"):
+    # Shapes are read by the camera, wherever it stands; and cylinders by the discs at their ends.
+    reader.discs = [plugin for plugin in plugins if plugin.tag == "shape" and plugin.kind == "disk"]
+    for plugin in sorted(plugins, key=lambda one: (one.tag != "sensor", one.kind == "disk")):
         read = getattr(reader, f"read_{plugin.tag}", None)
         if read is not None:
             try:
@@ -68,6 +69,7 @@ class _Importer:
         self.background: list[Description] = []
         self.others: list[Description] = []
         self.shapes: list[Shape] = []
+        self.discs: list[Plugin] = []  # Of no cylinder yet.
         self.names: dict[str, set[str]] = defaultdict(set)
 
     def name(self, kind: str, said: str) -> str:
@@ -118,10 +120,17 @@ class _Importer:
             self.skip(plugin)
 
     def read_shape(self, plugin: Plugin) -> None:
-        if plugin.kind not in ("sphere", "rectangle"):
+        if plugin.kind == "disk" and all(plugin is not disc for disc in self.discs):
+            return None
+        if plugin.kind not in ("sphere", "rectangle", "cube", "cylinder"):
             return self.skip(plugin)
         lost: list[str] = []
         shape = read_shape(plugin, self.camera.values["viewpoint"] if self.camera else None, lost)
+        if shape is not None and plugin.kind == "cylinder":
+            ends = [next((disc for disc in self.discs if is_end(disc, plugin, shape, s)), None) for s in (-1, 1)]
+            if None in ends:
+                lost.append("an open tube; its ends are closed")
+            self.discs = [disc for disc in self.discs if all(disc is not end for end in ends)]
         self.lost += [f"shape {plugin.called}: {words}" for words in lost]
         if shape is not None:
             self.shapes.append(shape._replace(name=self.name("shape", plugin.called)))

@@ -109,8 +109,8 @@ class _Tree:
 
 KNOWN = {
     "shape": (
-        "sphere rectangle",
-        "to_world flip_normals bsdf interior exterior emitter silhouette_sampling_weight center radius",
+        "sphere rectangle cube cylinder disk",
+        "to_world flip_normals bsdf interior exterior emitter silhouette_sampling_weight center radius p0 p1",
     ),
     "bsdf": (
         "diffuse dielectric roughdielectric conductor roughconductor twosided",

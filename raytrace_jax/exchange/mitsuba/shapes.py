@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 from numpy.linalg import norm
 
@@ -13,7 +14,7 @@ from ...errors import SceneError
 from ...images.pictures import read_whole_picture
 from ..described import BLACK, Material, Shape, Texture, Triple, reach, unit
 from ..media import SurfaceMedia
-from .plugins import UPSIDE_DOWN, Color, Plugin, Value
+from .plugins import UPSIDE_DOWN, Color, Plugin, Point, Value
 
 WHITE, GREY = (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)
 
@@ -62,11 +63,12 @@ def read_shape(plugin: Plugin, eye: Sequence[float] | None, lost: Lost) -> Shape
         side = -1 if is_flipped else 1
         if side * np.cross(numbers["right"], numbers["up"]) @ np.subtract(eye, numbers["center"]) < 0:
             lost.append("it shines to the camera too, from its back")
-    return Shape(plugin.kind, "", numbers, surface, outside=around if np.any(around.absorption) else None)
+    keyword = "box" if plugin.kind == "cube" else plugin.kind
+    return Shape(keyword, "", numbers, surface, outside=around if np.any(around.absorption) else None)
 
 
 def _numbers(plugin: Plugin, lost: Lost) -> dict[str, Any] | None:
-    """The numbers of a sphere or a rectangle; None for an ellipsoid, and a rectangle that is askew."""
+    """The numbers of a shape; None where its transform makes it one that we have not."""
     # Lengths that differ by a smaller share are equal, and directions that lean less are at right angles.
     matrix, equal = plugin.transform(), 1e-9
     if plugin.kind == "sphere":
@@ -75,11 +77,42 @@ def _numbers(plugin: Plugin, lost: Lost) -> dict[str, Any] | None:
             lost.append("its to_world makes it an ellipsoid")
             return None
         return {"center": plugin.place("center"), "radius": radius * math.sqrt(gram[0, 0])}
-    right, up = matrix[:3, 0], matrix[:3, 1]
-    if abs(right @ up) > equal * norm(right) * norm(up):
+    if plugin.kind == "cylinder":
+        p0, p1 = (
+            np.array(plugin.value(key, Point, Point((0.0, 0.0, z))).values) for key, z in (("p0", 0.0), ("p1", 1.0))
+        )
+        axis = matrix[:3, :3] @ (p1 - p0) / 2
+        # The rows of Vt are along the tube and across it.
+        across = matrix[:3, :3] @ np.linalg.svd((p1 - p0)[None])[2][1:].T
+        gram = across.T @ across
+        is_round = np.allclose(gram, gram[0, 0] * np.eye(2), rtol=0, atol=equal * np.abs(gram).max())
+        if not is_round or norm(axis @ across) > equal * norm(axis) * norm(across):
+            lost.append("its to_world makes it no upright cylinder")
+            return None
+        radius = plugin.number("radius", 1.0) * math.sqrt(gram[0, 0])
+        return {"center": matrix[:3, :3] @ (p0 + p1) / 2 + matrix[:3, 3], "axis": axis, "radius": radius}
+    right, up, depth = matrix[:3, :3].T
+    pairs = [(right, up), (up, depth), (depth, right)][: 3 if plugin.kind == "cube" else 1]
+    if any(abs(a @ b) > equal * norm(a) * norm(b) for a, b in pairs):
         lost.append("its sides are not at right angles")
         return None
+    if plugin.kind == "cube":
+        return {"center": matrix[:3, 3], "right": right, "up": up, "depth": float(norm(depth))}
     return {"center": matrix[:3, 3], "right": right, "up": up}
+
+
+def is_end(disc: Plugin, tube: Plugin, shape: Shape, side: int) -> bool:
+    """Whether a disc closes a tube at an end, and looks and is as the tube."""
+    matrix, numbers = disc.transform(), shape.numbers
+    middle, axis, radius = (numbers[name] for name in ("center", "axis", "radius"))
+    place = np.column_stack([side * unit(axis), middle + side * axis])
+    own = np.column_stack([unit(np.cross(matrix[:3, 0], matrix[:3, 1])), matrix[:3, 3]])
+    sides = matrix[:3, :2]
+    return (
+        bool(np.allclose(own, place, rtol=0, atol=CLOSE * radius))
+        and np.allclose(sides.T @ sides, radius**2 * np.eye(2), rtol=0, atol=CLOSE * radius**2)
+        and bool(eqx.tree_equal(disc.values.get("bsdf"), tube.values.get("bsdf")))
+    )
 
 
 def endless_glass(shapes: Sequence[Shape], eye: Sequence[float], lost: Lost) -> list[Shape]:
