@@ -80,7 +80,7 @@ def draw_half_disc() -> Figure:
 
     def nodes_at(degrees: float) -> tuple[RayNode, ...]:
         d = np.array([np.sin(np.radians(degrees)), np.cos(np.radians(degrees))])
-        return trace(disc, -1.8 * d, d)
+        return trace(disc, -1.6 * d, d)
 
     critical = float(np.degrees(optics.critical_angle(1 / INDEX)))
     for ax, degrees in zip(rays, (25.0, 40.0, 50.0), strict=True):
