@@ -16,7 +16,7 @@ def turned(a, b):
 
 
 def test_a_block_moves_a_ray_aside_and_leaves_its_direction():
-    block = build.box("block", material="glass", center=(0.1, 0, 0), right=(0.4, 0, 0), up=(0, 3, 0), depth=1)
+    block = build.box("block", material="glass", center=(0.1, 0, 0), right=(0.4, 0, 0), up=(0, 30, 0), depth=1)
     for degrees in (0, 10, 45, 70, 85):
         i = np.radians(degrees)
         nodes = trace(block, (-1, 0), (np.cos(i), np.sin(i)))
