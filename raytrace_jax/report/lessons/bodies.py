@@ -38,6 +38,10 @@ def through(nodes: Sequence[RayNode]) -> RayNode | None:
     return next((node for node in nodes if node.kind == "transmitted" and node.parent in inner), None)
 
 
+def unit(degrees: float) -> np.ndarray:
+    return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+
+
 def degrees_of(vector: Point) -> float:
     return float(np.degrees(np.arctan2(vector[1], vector[0])))
 
@@ -65,26 +69,23 @@ def draw_glass(ax: Axes, points: np.ndarray) -> None:
 def draw_angle(ax: Axes, place: Point, start: float, stop: float, size: float, color: str, words: str = "") -> None:
     """An arc from one direction to another, in degrees, with its size written beside it."""
     low, high = sorted((start, start + (stop - start + 180) % 360 - 180))
-    ax.add_patch(Arc(tuple(place[:2]), 2 * size, 2 * size, theta1=low, theta2=high, color=color, zorder=4))
-    middle = np.radians((low + high) / 2)
-    at = np.asarray(place[:2]) + 1.28 * size * np.array([np.cos(middle), np.sin(middle)])
+    ax.add_patch(Arc((place[0], place[1]), 2 * size, 2 * size, theta1=low, theta2=high, color=color, zorder=4))
+    x, y = np.asarray(place[:2]) + 1.28 * size * unit((low + high) / 2)
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}
-    ax.text(*at, f"{words}{high - low:.1f}°", color=color, fontsize=9.5, ha="center", va="center", bbox=box, zorder=5)
+    ax.text(x, y, f"{words}{high - low:.1f}°", color=color, fontsize=9.5, ha="center", va="center", bbox=box, zorder=5)
 
 
 def draw_half_disc() -> Figure:
     """Three rays that meet the middle of the flat side from within, and angle and shares for all incidences."""
     figure, (*rays, curves) = make_figure(f"Half a disc of glass, n = {INDEX:g}", 2, 2, (11, 9.4))
     disc = build.cylinder("disc", material="glass", center=(0, 0, 0), axis=(0, 0, 0.2), radius=1, cut=(0, 1, 0))
-    around = np.radians(np.linspace(180, 360, 181))
 
     def nodes_at(degrees: float) -> tuple[RayNode, ...]:
-        d = np.array([np.sin(np.radians(degrees)), np.cos(np.radians(degrees))])
-        return trace(disc, -1.6 * d, d)
+        return trace(disc, -1.6 * unit(90 - degrees), unit(90 - degrees))
 
     critical = float(np.degrees(optics.critical_angle(1 / INDEX)))
     for ax, degrees in zip(rays, (25.0, 40.0, 50.0), strict=True):
-        draw_glass(ax, np.stack([np.cos(around), np.sin(around)], axis=1))
+        draw_glass(ax, np.array([unit(angle) for angle in range(180, 361)]))
         ax.plot([0, 0], [-0.95, 0.95], "--", color="0.5", linewidth=0.9)
         nodes = nodes_at(degrees)
         # What the round side sends straight back is left out.
@@ -121,14 +122,13 @@ def draw_prism() -> Figure:
     """A ray in least deviation with its angles, two others, and the deviation against the angle of incidence."""
     apex = 60.0
     figure, (rays, curve) = make_figure("A prism in least deviation", 1, 2, (13, 5.8))
-    side, half = np.array([-np.sin(np.radians(apex / 2)), -np.cos(np.radians(apex / 2))]), np.cos(np.radians(apex / 2))
-    prism = build.prism("prism", material="glass", point=(0, 0, 0), axis=(0, 0, 0.5), down=(0, -half, 0), apex=apex)
+    side = unit(-90 - apex / 2)
+    prism = build.prism("prism", material="glass", point=(0, 0, 0), axis=(0, 0, 0.5), down=(0, side[1], 0), apex=apex)
 
-    def nodes_at(degrees: float, along: float = 0.5) -> tuple[RayNode, ...]:
-        # Upwards to the first face, from the base's side of its normal.
-        turned = np.radians(degrees - apex / 2)
-        d = np.array([np.cos(turned), np.sin(turned)])
-        return trace(prism, along * side - 0.85 * d, d)
+    def nodes_at(degrees: float) -> tuple[RayNode, ...]:
+        # To the middle of the first face, from the base's side of its normal.
+        d = unit(degrees - apex / 2)
+        return trace(prism, side / 2 - 0.85 * d, d)
 
     def deviation(nodes: Sequence[RayNode]) -> float:
         last = through(nodes)
@@ -151,8 +151,8 @@ def draw_prism() -> Figure:
     last, entry = through(nodes), nodes[0].p
     assert last is not None
     for point, normal in ((entry, 180 - apex / 2), (last.o, apex / 2)):
-        n = 0.42 * np.array([np.cos(np.radians(normal)), np.sin(np.radians(normal))])
-        rays.plot(*np.stack([point[:2] - n, point[:2] + n]).T, "--", color="0.5", linewidth=0.9)
+        ends = point[:2] + np.multiply.outer((-0.42, 0.42), unit(normal))
+        rays.plot(*ends.T, "--", color="0.5", linewidth=0.9)
     draw_angle(rays, entry, 180 - apex / 2, degrees_of(-nodes[0].d), 0.27, KINDS["camera"])
     draw_angle(rays, last.o, apex / 2, degrees_of(last.d), 0.27, BLUE)
     draw_angle(rays, (0, 0), -90 - apex / 2, -90 + apex / 2, 0.16, GREY)
