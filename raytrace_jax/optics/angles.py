@@ -166,6 +166,44 @@ def prism_deviation(
     return theta_i + _arcsin(eta * jnp.sin(inner)) - apex
 
 
+@of_rays
+def prism_least_deviation(eta: Float[ArrayLike, "*#rays"], apex: Float[ArrayLike, "*#rays"]) -> Float[Array, "*rays"]:
+    """The least `prism_deviation` of all angles of incidence, `D = 2 arcsin(eta sin(apex / 2)) - apex`.
+
+    Derivative: `d D / d eta = 2 sin(apex / 2) / cos((D + apex) / 2)`. (Born and Wolf, 4.7.2.)
+
+    Args:
+        eta: index of the prism over the index around it, > 0.
+        apex: the angle between the two faces, in radians.
+
+    Raises:
+        SettingsError: no ray passes by both faces, `eta sin(apex / 2) >= 1`.
+    """
+    sine = index(eta) * jnp.sin(jnp.asarray(apex) / 2)
+    passes = jnp.abs(sine) < 1
+    return 2 * _arcsin(in_range(sine, passes, "eta sin(apex / 2)", "less than 1 is wanted: else no ray passes")) - apex
+
+
+@of_rays
+def prism_index(deviation: Float[ArrayLike, "*#rays"], apex: Float[ArrayLike, "*#rays"]) -> Float[Array, "*rays"]:
+    """The index of a prism that turns rays by `deviation` at least, `eta = sin((D + apex) / 2) / sin(apex / 2)`.
+
+    The inverse of `prism_least_deviation`. Derivatives: `d eta / d D = cos((D + apex) / 2) / (2 sin(apex / 2))`,
+    `d eta / d apex = -sin(D / 2) / (2 sin(apex / 2)^2)`. (Fraunhofer 1814; Born and Wolf, 4.7.2.)
+
+    Args:
+        deviation: the least one, in radians.
+        apex: the angle between the two faces, in radians, > 0.
+
+    Raises:
+        SettingsError: there is no such prism, as `deviation + apex` is not between 0 and pi.
+    """
+    apex = index(apex, "apex")
+    angles = jnp.asarray(deviation) + apex
+    exists = (angles > 0) & (angles < jnp.pi)
+    return jnp.sin(in_range(angles, exists, "deviation + apex", "0 to pi is wanted") / 2) / jnp.sin(apex / 2)
+
+
 def _arcsin(x: Float[Array, "*rays"]) -> Float[Array, "*rays"]:
     """`arcsin(x)`; where `|x| >= 1` it is +-pi / 2, with derivative 0."""
     inside = ~(jnp.abs(x) >= 1)  # So that NaN stays NaN.

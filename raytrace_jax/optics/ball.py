@@ -1,4 +1,4 @@
-"""A transparent ball: how far it turns a ray, where its rainbows are, and where it focuses."""
+"""A transparent ball: how far it turns a ray, where its rainbows are; and where it and other lenses focus."""
 
 from typing import NamedTuple
 
@@ -12,11 +12,11 @@ from .angles import in_range, index, of_rays, snell_angle
 
 
 class FocalLength(NamedTuple):
-    """Focal lengths of a ball lens for rays near its axis, in the unit of its radius; negative where it spreads light.
+    """Focal lengths of a lens for rays near its axis, in the unit of its radius; negative where it spreads light.
 
     Args:
-        effective: from the centre of the ball to the focus.
-        back: from the back of the ball to the focus; negative also where the focus lies inside (`eta > 2`).
+        effective: to the focus from the centre of a ball, of other lenses from the second principal plane.
+        back: from the back of the lens to the focus; negative also where the focus lies inside (a ball of `eta > 2`).
     """
 
     effective: Float[Array, "*rays"]
@@ -123,3 +123,29 @@ def lens_focal_length(radius: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, 
     # Nearer to 1 than this the focal length would grow without bound.
     effective = radius / 2 * (1 + 1 / away_from_zero(eta - 1, 1e-6))
     return FocalLength(effective, effective - radius)
+
+
+@of_rays
+def lensmaker_focal_length(
+    curvature1: Float[ArrayLike, "*#rays"],
+    curvature2: Float[ArrayLike, "*#rays"],
+    eta: Float[ArrayLike, "*#rays"],
+    thickness: Float[ArrayLike, "*#rays"] = 0.0,
+) -> FocalLength:
+    """Effective and back focal length of a lens, by the lensmaker's equation (Hecht, "Optics", 6.1).
+
+    `1 / f = P = (eta - 1) (c1 - c2 + (eta - 1) thickness c1 c2 / eta)`, and `f (1 - (eta - 1) thickness c1 / eta)` from
+    the back. Derivatives: `d f = -f^2 d P`.
+
+    Where P is 0 there is no focus: nearer to 0 than 1e-12 the result is that of `P = 1e-12` or `-1e-12`.
+
+    Args:
+        curvature1: 1 over the radius of the face that the light meets first, positive if its centre lies behind it.
+        curvature2: that of the last face; a lens with two convex faces has a negative one.
+        eta: index of the lens over the index around it, > 0.
+        thickness: on the axis, in the unit of the radii; 0 of a thin lens.
+    """
+    first, last, eta, thickness = (jnp.asarray(x) for x in (curvature1, curvature2, index(eta), thickness))
+    reduced = (eta - 1) * thickness / eta
+    effective = 1 / away_from_zero((eta - 1) * (first - last + reduced * first * last), 1e-12)
+    return FocalLength(effective, effective * (1 - reduced * first))

@@ -90,6 +90,27 @@ def prism_slopes(theta_i, eta, apex):
     return 1 - np.cos(theta_i) * np.cos(inner) / (cos_t * cos_o), np.sin(apex) / (cos_t * cos_o), by_apex
 
 
+def least_slopes(eta, apex):
+    cos = np.sqrt(1 - (eta * np.sin(apex / 2)) ** 2)
+    return 2 * np.sin(apex / 2) / cos, eta * np.cos(apex / 2) / cos - 1
+
+
+def index_slopes(deviation, apex):
+    half = np.sin(apex / 2)
+    return np.cos((deviation + apex) / 2) / (2 * half), -np.sin(deviation / 2) / (2 * half**2)
+
+
+def lensmaker_slopes(c1, c2, eta, thickness):
+    k, f = eta - 1, 1 / ((eta - 1) * (c1 - c2 + (eta - 1) * thickness * c1 * c2 / eta))
+    by_eta = c1 - c2 + thickness * c1 * c2 * (1 - 1 / eta**2)
+    slopes = k * (1 + k * thickness * c2 / eta), k * (k * thickness * c1 / eta - 1), by_eta, k * k * c1 * c2 / eta
+    return tuple(-f * f * slope for slope in slopes)
+
+
+def focal(*lens):
+    return optics.lensmaker_focal_length(*lens).effective
+
+
 ANGLE_CASES = [(0.0, 1.5), (0.6, 1.5), (1.5, 1.5), (0.3, 0.7), (0.77, 0.7), (1.2, 1.0), (0.5, 1 / 1.0003)]
 COSINE_CASES = [(1.0, 1.5), (0.5, 1.5), (1e-3, 1.5), (0.0, 1.5), (0.9, 0.7), (0.72, 0.7), (0.4, 1.0), (1.0, 0.7)]
 LENS_CASES = [(2.0, 1.5), (0.5, 2.5), (3.0, 0.7), (1.0, 1.01)]
@@ -108,6 +129,9 @@ FORMULAS = {
     "brewster_angle": (optics.brewster_angle, lambda eta: (1 / (1 + eta**2),), [(0.7,), (1.0,), (1.5,)]),
     "slab_shift": (optics.slab_shift, slab_slopes, [(0.0, 1.5, 2.0), (0.8, 1.5, 0.3), (0.3, 0.7, 1.0)]),
     "prism_deviation": (optics.prism_deviation, prism_slopes, [(0.8, 1.5, 1.0), (-0.1, 1.5, 0.5), (0.3, 0.8, 0.2)]),
+    "least": (optics.prism_least_deviation, least_slopes, [(1.5, 1.0), (0.8, 0.5), (1.9, 0.2)]),
+    "prism_index": (optics.prism_index, index_slopes, [(0.6, 1.0), (-0.1, 0.5), (1.2, 0.3)]),
+    "lensmaker": (focal, lensmaker_slopes, [(1.0, -0.5, 1.5, 0.2), (0.0, -2.0, 1.7, 0.5), (0.8, 0.1, 0.7, 0.0)]),
     "effective": (effective, lambda r, eta: (eta / (2 * (eta - 1)), -r / (2 * (eta - 1) ** 2)), LENS_CASES),
     "back": (back, lambda r, eta: (eta / (2 * (eta - 1)) - 1, -r / (2 * (eta - 1) ** 2)), LENS_CASES),
 }
@@ -154,6 +178,13 @@ def test_known_angles_and_lengths():
     assert optics.slab_shift(np.pi / 4, 1.5, 10.0) == pytest.approx(3.291, abs=5e-4)
     least = optics.prism_deviation(np.arcsin(1.5 / 2), 1.5, np.pi / 3)
     assert np.degrees(least) == pytest.approx(37.18, abs=0.005)
+    assert optics.prism_least_deviation(1.5, np.pi / 3) == pytest.approx(float(least), rel=1e-12)
+    assert optics.prism_index(least, np.pi / 3) == pytest.approx(1.5, rel=1e-12)
+    # A thin lens; half a ball with its flat side behind, whose focus lies f / eta behind it; and a whole one.
+    assert optics.lensmaker_focal_length(0.5, -0.25, 1.5) == pytest.approx((8 / 3, 8 / 3))
+    assert optics.lensmaker_focal_length(1.0, 0.0, 1.5, 1.0) == pytest.approx((2, 4 / 3))
+    assert optics.lensmaker_focal_length(0.5, -0.5, 1.5, 4.0) == pytest.approx((3, 1))
+    assert np.isfinite(jax.grad(focal)(0.5, 0.5, 1.5, 0.0))
     # A glass ball focuses half of its radius behind itself; at index two on its back.
     assert optics.lens_focal_length(2.0, 1.5) == (3, 1)
     assert optics.lens_focal_length(2.0, 2.0).back == 0
@@ -313,6 +344,8 @@ UNDEFINED = {
     "rainbow_incidence": (optics.rainbow_incidence, (0.8,), "eta is 0.8, and 1 to 2 is wanted"),
     "slab_shift": (optics.slab_shift, (0.9, 0.7, 1.0), "theta_i is 0.9, and the reflection is total there"),
     "prism_deviation": (optics.prism_deviation, (0.1, 1.5, 1.0), "and no ray leaves by the second face"),
+    "prism_least_deviation": (optics.prism_least_deviation, (2.5, 1.0), "is 1.19856, and less than 1 is wanted"),
+    "prism_index": (optics.prism_index, (2.5, 1.0), "apex is 3.5, and 0 to pi is wanted"),
 }
 """A function, arguments for which it says nothing, and what it says of them."""
 

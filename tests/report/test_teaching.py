@@ -34,7 +34,11 @@ def lines_of(ax):
 def test_every_panel_has_title_and_legend(name):
     figure = LESSONS[name]()
     assert isinstance(figure, Figure) and figure.get_suptitle()
+    assert any(ax.axison for ax in figure.axes)
     for ax in figure.axes:
+        if not ax.axison:  # A drawing.
+            assert ax.get_title() and len(ax.get_lines()) > 3
+            continue
         assert ax.get_xlabel() and ax.get_ylabel() and ax.get_legend() is not None
         assert any(unit in ax.get_xlabel() for unit in ("[degrees]", "[radii]", "index of refraction n"))
 
@@ -63,6 +67,29 @@ def test_rays_obey_snell_and_fresnel():
         assert widths["reflected"] == pytest.approx(share, rel=1e-4)
         assert widths["reflected"] + widths["refracted"] == pytest.approx(1)
         assert f"refracted {100 - 100 * share:.1f} %\n{np.degrees(t):.1f}°" in words
+
+
+def test_dots_of_bodies_are_traced_where_the_law_says():
+    """Snell's law, the deviation and the lensmaker's equation are lines and red dots, and traced rays are on them."""
+    curves = LESSONS["half_disc"]().axes[-1]
+    dots, law = (
+        lines_of(curves)[name] for name in ("angle behind the flat side, traced [degrees]", "Snell's law [degrees]")
+    )
+    inside = np.isfinite(dots.get_ydata())
+    x, y = dots.get_xdata()[inside], dots.get_ydata()[inside]
+    assert x.max() == 41 and law.get_xdata()[-1] == pytest.approx(41.81, abs=0.01)
+    assert y == pytest.approx(np.degrees(np.arcsin(1.5 * np.sin(np.radians(x)))), abs=1e-9)
+    curve = LESSONS["prism"]().axes[-1]
+    lines = lines_of(curve)
+    traced = np.asarray(lines["traced"].get_ydata())
+    formula = lines[r"$\theta_i + \theta_o - A$"].get_ydata()
+    assert traced[np.isfinite(traced)] == pytest.approx(formula, abs=1e-9)
+    assert "least: D = 37.18° at 48.6°" in lines and "1.5000 ± 0.0012" in curve.texts[0].get_text()
+    lens = lines_of(LESSONS["lens"]().axes[-1])
+    near = lens.pop("lensmaker's equation").get_ydata()
+    assert [line.get_ydata()[0] for line in lens.values()] == pytest.approx(near, rel=1e-3)
+    lost = [np.nanmax(line.get_ydata()) - np.nanmin(line.get_ydata()) for line in lens.values()]
+    assert lost[1] < lost[0] < lost[2]
 
 
 @pytest.mark.parametrize("name", ["snell", "fresnel", "total_reflection"])

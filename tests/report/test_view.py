@@ -21,7 +21,8 @@ from browsers import browser as browser
 from PIL import Image
 from scenes import assignment_scene
 
-from raytrace_jax import ParameterError, picture_derivatives, render, set_parameters
+from raytrace_jax import ParameterError, parse_scene, picture_derivatives, render, set_parameters
+from raytrace_jax.cli.actions.explain import first_glass
 from raytrace_jax.images.transfer import encode_course
 from raytrace_jax.report.derivatives import scale_limit
 from raytrace_jax.report.live import Slider, Studio, answer, make_server, render_page, saved_page, scale_of
@@ -40,6 +41,24 @@ INSIDE = np.s_[..., 1:-1]
 @pytest.fixture(scope="module")
 def studio():
     return Studio(assignment_scene(), SETTINGS, SLIDERS, "course")
+
+
+def test_a_prism_has_sliders_that_turn_it_about_its_edge():
+    scene = parse_scene(
+        "settings main { model physical } camera eye { pixeldim 8 6 viewpoint 0 0 5 lookat 0 0 0 }"
+        "material glass { transmission 1 } prism wedge { material glass point 1 2 3 axis 0 0 1 down 0 -2 0 apex 60 }"
+    )
+    sliders = {slider.name: slider[1:] for slider in first_glass(scene, "physical")}
+    assert sliders == {
+        "wedge.ior": (1, 2.4),
+        **{f"wedge.point.{axis}": (x - 2, x + 2) for axis, x in zip("xyz", (1, 2, 3), strict=True)},
+        "wedge.apex": (20, 90),
+        "wedge.down.x": (-2, 2),
+        "wedge.down.y": (-2, 2),
+    }
+    for name, ends in sliders.items():
+        for value in ends:
+            assert float(set_parameters(scene, {name: value})[name]) == value
 
 
 def told(studio, path):

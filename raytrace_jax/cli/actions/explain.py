@@ -10,7 +10,7 @@ from ...report.films import screen_transfer
 from ...report.lessons.pictures import LESSONS, WORK, index_page
 from ...report.live import HOST, Slider, Studio, make_server, saved_page
 from ...report.rays import draw_tree, least_drawn
-from ...scene.parameters import blocks_of, get_parameter, material_of, scalar_names
+from ...scene.parameters import get_parameter, material_of, scalar_names, shape_blocks
 from ...scene.scene import Scene
 from ...scene.setting_words import ModelName
 from ...tracer.ray_tree import RayNode, trace_tree
@@ -134,18 +134,31 @@ def parse_slider(text: str) -> Slider:
 
 
 def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
-    """Sliders of index and centre of the first ball that lets light through; the centre moves by its radius."""
+    """Sliders of index and place of the first body that lets light through; the place moves by the body's size.
+
+    A prism has sliders of its angle, and of what turns it about its edge.
+    """
     weight = "alpha" if model == "classic" else "transmission"
-    for ball in blocks_of(scene, "sphere"):
-        material = material_of(scene, ball)
-        if float(material.read(scene, weight)) > 0 and np.ndim(material.read(scene, "ior")) == 0:
-            radius, ior = float(ball.read(scene, "radius")), float(material.read(scene, "ior"))
+    for body in shape_blocks(scene):
+        material = material_of(scene, body)
+        places = [one for one in body.type.continuous if one.quantity.role == "position"]
+        if places and float(material.read(scene, weight)) > 0 and np.ndim(material.read(scene, "ior")) == 0:
+            ior, place = float(material.read(scene, "ior")), places[0]
             # From vacuum to diamond.
-            index = Slider(f"{ball.name}.ior", min(1.0, ior), max(2.4, ior))
-            center = zip("xyz", np.asarray(ball.read(scene, "center"), float), strict=True)
-            moves = (Slider(f"{ball.name}.center.{axis}", x - radius, x + radius) for axis, x in center)
-            return index, *(move.widened() for move in moves)
-    raise UsageError("the scene has no glass ball to move; name the numbers that move with --over NAME=START:STOP.")
+            sliders = [Slider(f"{body.name}.ior", min(1.0, ior), max(2.4, ior))]
+            size = max(float(np.linalg.norm(body.read(scene, name))) for name in place.quantity.sized_by)
+            values = np.asarray(body.read(scene, place.name), float)
+            ways = [(f"{place.name}.{axis}", x - size, x + size) for axis, x in zip("xyz", values, strict=True)]
+            if body.keyword == "prism":
+                apex, down, edge = (np.asarray(body.read(scene, name), float) for name in ("apex", "down", "axis"))
+                ways.append(("apex", min(20.0, float(apex)), max(90.0, float(apex))))
+                length, least = np.linalg.norm(down), 1e-6 * np.linalg.norm(edge)
+                # One number of `down` alone keeps it at right angles to an edge that has no part that way.
+                ways += [
+                    (f"down.{axis}", -length, length) for axis, x in zip("xyz", edge, strict=True) if abs(x) < least
+                ]
+            return *sliders, *(Slider(f"{body.name}.{name}", low, high).widened() for name, low, high in ways)
+    raise UsageError("the scene has no glass body to move; name the numbers that move with --over NAME=START:STOP.")
 
 
 def run_teach(command: Teach) -> None:

@@ -20,7 +20,7 @@ from ...tracer.settings import RenderSettings
 from .. import LessonName
 from ..differences import correlation, finite_differences, relative_error
 from ..panels import SIGNED, as_pixels, page_template, remove_ticks
-from . import formulas
+from . import bodies, formulas
 from .formulas import COLOURS, INDEX, RED, empty_figure, finish, make_figure
 
 
@@ -168,6 +168,9 @@ LESSONS: dict[LessonName, Callable[[], Figure]] = {
     "snell": formulas.draw_snell,
     "fresnel": formulas.draw_fresnel,
     "critical": formulas.draw_critical,
+    "half_disc": bodies.draw_half_disc,
+    "prism": bodies.draw_prism,
+    "lens": bodies.draw_lens,
     "ball": formulas.draw_ball,
     "dispersion": draw_dispersion,
     "total_reflection": formulas.draw_total_reflection,

@@ -141,7 +141,7 @@ def repeated(shapes: Shapes) -> Bool[Array, " shapes"]:
     if shapes.axes is not None:
         rows.append(shapes.axes.reshape(-1, len(shapes.type)))
     if shapes.axis is not None:
-        rows += [shapes.axis, shapes.curvature[None], shapes.type[None]]
+        rows += [shapes.axis, shapes.curvature[None], shapes.type[None].astype(foot.dtype)]
     table, hidden = jnp.concatenate(rows), jnp.zeros(len(shapes.type), bool)
     ends = (*shapes.starts[1:], len(shapes.type))
     counts = np.array([end - start for start, end in zip(shapes.starts, ends, strict=True)])

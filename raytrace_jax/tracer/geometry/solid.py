@@ -23,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ...util.compilation import jit
 from ...util.numerics import TINY_32, away_from_zero, dot, safe_normalize, safe_sqrt, select, vectors_to
 from . import shapes
 from .rays import Flags, Integers, Number, Rays, Scalars, Vector, Vectors
@@ -264,33 +265,40 @@ def clearance(kinds: Sequence[Kind], o: Vectors, light: Vector, faces: Faces, un
     return jnp.where(light_inside, within, weight * entry + (1 - weight) * exit_)
 
 
+@functools.partial(jit, static_argnames="kinds")
+def stretch_inside(kinds: Sequence[Kind], faces: Faces, o: Vectors, d: Vectors) -> tuple[Scalars, Scalars]:
+    """Where lines through points along directions enter and leave a solid."""
+    chords = [chord(o, d, face, kind) for face, kind in zip(faces, kinds, strict=True)]
+    nears, fars = [each.near for each in chords], [each.far for each in chords]
+    return functools.reduce(jnp.maximum, nears), functools.reduce(jnp.minimum, fars)
+
+
 def section(kinds: Sequence[Kind], faces: Faces, drawing: CuttingPlane, reach: float) -> Section:
     # A tenth of a degree apart.
     angle = np.linspace(0, 2 * np.pi, 3601)
     around = np.multiply.outer(drawing.right, np.cos(angle)) + np.multiply.outer(drawing.up, np.sin(angle))
 
     def way(*lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where lines with points and directions, both "3 *lines", enter and leave."""
         o, d = (jnp.asarray(x, faces[0].radius.dtype) for x in np.broadcast_arrays(*lines))
-        chords = [chord(o, d, face, kind) for face, kind in zip(faces, kinds, strict=True)]
-        return np.max([each.near for each in chords], axis=0), np.min([each.far for each in chords], axis=0)
+        t_in, t_out = stretch_inside(kinds, faces, o, d)
+        return np.asarray(t_in), np.asarray(t_out)
 
     # A point inside: from each flat face inwards by a little.
     size = float(faces[0].size)
     middle = np.mean([np.asarray(face.position - 0.3 * size * face.normal, np.float64) for face in faces], axis=0)
-    # The outline: how far from there a line across the drawing still meets the solid, found by ever finer steps.
-    low, step = np.zeros(angle.size), np.full(angle.size, 1e3 * size)
-    for _ in range(6):
-        reached = low + step * np.linspace(0, 1, 33)[:, None]
-        t_in, t_out = way(middle[:, None, None] + reached * around[:, None], drawing.normal[:, None, None])
-        last = np.maximum(np.sum(np.logical_and.accumulate(t_in < t_out, axis=0), axis=0) - 1, 0)
-        low, step = np.take_along_axis(reached, last[None], 0)[0], step / 32
+    # The outline: how far from there a line across the drawing still meets the solid, found by halving.
+    low, step = np.zeros(angle.size), 1e3 * size
+    for _ in range(32):
+        step /= 2
+        t_in, t_out = way(middle[:, None] + (low + step) * around, drawing.normal[:, None])
+        low = np.where(t_in < t_out, low + step, low)
     outline = np.array([drawing.project(p) for p in (middle[:, None] + low * around).T])
 
     # The cut, as seen from the mean of its points among many.
     off = drawing.normal * ((middle - drawing.center) @ drawing.normal)
-    points = (middle - off)[:, None, None] + np.linspace(0, 1, 50)[:, None] * low * around[:, None]
-    inside = np.asarray(is_inside(jnp.asarray(points, faces[0].radius.dtype), faces))
+    points = (middle - off)[:, None, None] + np.linspace(0, 1, 50)[:, None] * (low * around)[:, None, ::30]
+    t_in, t_out = way(points, drawing.right[:, None, None])
+    inside = (t_in < 0) & (t_out > 0)
     if not inside.any():
         return Section(shapes.NO_POINTS, True, outline)
     start = points[:, inside].mean(axis=1)[:, None]
