@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import resolved
 
 from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, render, set_parameters
 from raytrace_jax.report.differences import correlation, finite_differences, relative_error
@@ -17,6 +16,7 @@ from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, face, scene_shapes
 from raytrace_jax.tracer.geometry.shapes import hit_distance, surface_normal, surface_value
 from raytrace_jax.tracer.geometry.solid import chord, is_inside
+from raytrace_jax.tracer.settings import resolve_settings
 
 HEAD = """settings main { model physical mapping center }
 camera eye { pixeldim 40 30 viewpoint 1.1 0.8 4.6 lookat 0.1 -0.05 -0.3 fov 34 }
@@ -48,6 +48,9 @@ def scene_of(name, material="emission .3 0 0", head=HEAD, more=""):
     )
 
 
+SETTINGS = resolve_settings(scene_of("box"))
+
+
 @functools.partial(jax.jit, static_argnames="settings")
 def shoot(scene, o, d, origin, inside, settings):
     shapes = scene_shapes(scene, settings)
@@ -72,7 +75,7 @@ def rays_from(seed, count=300):
 def test_rays_meet_a_solid_where_its_inside_begins_and_ends(name, seed):
     o, d = rays_from(seed)
     nowhere = jnp.full(o.shape[1], NO_SHAPE), jnp.zeros(o.shape[1], bool)
-    shapes, hits = shoot(scene_of(name), o, d, *nowhere, resolved(model="physical"))
+    shapes, hits = shoot(scene_of(name), o, d, *nowhere, SETTINGS)
     faces = faces_of(shapes)
     t = np.linspace(0, 12, 6001)[:, None]
     inside = np.asarray(is_inside(jnp.asarray(o[:, None] + t * d[:, None]), faces))
@@ -94,9 +97,7 @@ def test_rays_meet_a_solid_where_its_inside_begins_and_ends(name, seed):
     # From there on: inwards a ray ends at the other side, outwards it never comes back.
     inward = jnp.where(jnp.sum(d * hits.n, 0) < 0, d, -d)
     for direction, is_within in ((inward, True), (-inward, False)):
-        again = shoot(
-            scene_of(name), hits.p, direction, hits.shape, jnp.full(o.shape[1], is_within), resolved(model="physical")
-        )[1]
+        again = shoot(scene_of(name), hits.p, direction, hits.shape, jnp.full(o.shape[1], is_within), SETTINGS)[1]
         assert np.all(np.asarray(again.valid)[both] == is_within)
         if is_within:
             middle = hits.p + again.t / 2 * direction
@@ -105,12 +106,12 @@ def test_rays_meet_a_solid_where_its_inside_begins_and_ends(name, seed):
 
 @pytest.mark.parametrize("name", VOLUMES)
 def test_its_size_is_that_of_a_ball_of_its_volume(name):
-    size = float(scene_shapes(scene_of(name), resolved(model="physical")).size[0])
+    size = float(scene_shapes(scene_of(name), SETTINGS).size[0])
     np.testing.assert_allclose(4 / 3 * np.pi * size**3, VOLUMES[name], rtol=1e-12)
 
 
 def test_a_lens_has_the_volume_of_its_points():
-    shapes = scene_shapes(scene_of("lens"), resolved(model="physical"))
+    shapes = scene_shapes(scene_of("lens"), SETTINGS)
     points = np.random.default_rng(0).uniform(-1.4, 1.6, (3, 1_000_000))
     volume = np.mean(is_inside(jnp.asarray(points), faces_of(shapes))) * 27
     np.testing.assert_allclose(4 / 3 * np.pi * float(shapes.size[0]) ** 3, volume, rtol=0.01)
@@ -123,7 +124,7 @@ def test_a_lens_becomes_a_plane_without_a_jump():
 
     def distance(curvature):
         scene = set_parameters(scene_of("flat lens"), {"body.curvature1": curvature})
-        cap = face(scene_shapes(scene, resolved(model="physical")), 1)
+        cap = face(scene_shapes(scene, SETTINGS), 1)
         near = jax.lax.stop_gradient(chord(o, d, cap, "cap").near)
         spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, o.shape[1])), cap)
         return jnp.where(jnp.isfinite(near) & (jnp.abs(near) < 1e3), hit_distance(near, o, d, spread), 0)
@@ -148,7 +149,7 @@ def test_hits_have_the_derivatives_of_their_numbers(name):
     d = (jnp.asarray([[0.05], [0.0], [0.25]]) - o) + 0.2 * d
     d = d / jnp.linalg.norm(d, axis=0)
     nowhere = jnp.full(count, NO_SHAPE), jnp.zeros(count, bool)
-    group = scene_shapes(given, resolved(model="physical")).types[0]
+    group = scene_shapes(given, SETTINGS).types[0]
     numbers = {k: v for k, v in vars(getattr(given, group)).items() if isinstance(v, jax.Array)}
 
     @jax.jit
@@ -156,7 +157,7 @@ def test_hits_have_the_derivatives_of_their_numbers(name):
         blocks = getattr(given, group)
         scene = jax.tree.map(lambda x: x, given)
         object.__setattr__(scene, group, type(blocks)(**{**vars(blocks), **values}))
-        hits = shoot(scene, o, d, *nowhere, resolved(model="physical"))[1]
+        hits = shoot(scene, o, d, *nowhere, SETTINGS)[1]
         return jnp.where(hits.valid, jnp.concatenate([hits.t[None], hits.n]), 0), hits.shape
 
     value, faces = found(numbers)
@@ -202,11 +203,9 @@ def test_it_casts_the_shadow_of_its_points(name):
     point, aware, fine = (
         np.asarray(render(scene, RenderSettings(**how)).image) for how in ({}, {"edges": "aware"}, {"samples": 16})
     )
-    away = set_parameters(scene, {"lamp.location": [1, -1.0, 2]})
     assert np.sqrt(np.mean((aware - fine) ** 2)) < 0.3 * np.sqrt(np.mean((point - fine) ** 2))
     # Brute force: a point of the ground is dark where any point of its way to the lamp is inside.
-    shapes = scene_shapes(scene, resolved(model="physical"))
-    del away
+    shapes = scene_shapes(scene, SETTINGS)
     u, v = np.meshgrid(np.linspace(-3, 3, 30), np.linspace(-3, 2, 30))
     o = jnp.asarray([u.ravel(), np.full(u.size, -1.5), v.ravel()])
     light = jnp.asarray([1.0, 5.0, 2.0])
@@ -220,7 +219,7 @@ def test_it_casts_the_shadow_of_its_points(name):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_a_lamp_within_shines_on_what_is_within(name):
-    shapes = scene_shapes(scene_of(name), resolved(model="physical"))
+    shapes = scene_shapes(scene_of(name), SETTINGS)
     faces, clear = faces_of(shapes), SHAPE_TYPES[shapes.types[0]].clearance
     inner = np.mean([np.asarray(f.position - 0.3 * f.size * f.normal) for f in faces], axis=0)
     points = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 400))
@@ -276,6 +275,6 @@ def test_no_derivative_of_a_solid_is_nan():
 
 def test_surface_normals_are_the_gradient_of_f():
     for name in BODIES:
-        for f in faces_of(scene_shapes(scene_of(name), resolved(model="physical"))):
+        for f in faces_of(scene_shapes(scene_of(name), SETTINGS)):
             p = jnp.asarray([0.3, -0.2, 0.7])
             np.testing.assert_allclose(surface_normal(p, f), jax.grad(surface_value)(p, f), atol=1e-14)
