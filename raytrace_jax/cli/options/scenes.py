@@ -188,8 +188,9 @@ class New(shared.CommandOptions):
     Example: raytrace-jax new ball -o scene.txt
     """
 
-    scene: Annotated[Positional[Literal["ball", "tank"]], arg(metavar="ball|tank")]
-    """What it shows. ball: a ball of glass before a checkered board; tank: the board behind a tank of water."""
+    scene: Annotated[Positional[Literal["ball", "tank", "prism", "box", "tube"]], arg(metavar="ball|tank|prism|box|tube")]
+    """What it shows. ball: a ball of glass before a checkered board; tank: the board behind a tank of water; prism, box: a prism or
+    a block in the place of the ball; tube: a liquid in a test tube."""
     output: Annotated[Path, shared.output("SCENE")]
     """The file to write; one that is there stays."""
     liquid: Annotated[float | None, arg(name="in", metavar="INDEX")] = None
