@@ -319,7 +319,10 @@ def _check_mappings(named: dict[str, dict[str, Description]]) -> None:
         texture = named["texture"].get(owner.values["texture"])
         if texture and texture.kinds[0].group not in block.kinds[0].textures:
             kind = quoted(texture.values["kind"])
-            raise block.error(part, f"{block} has the {texture}: a {block.keyword} has no mapping for the kind {kind}.")
+            group = texture.kinds[0].group
+            others = [word for word, rows in BLOCK_TYPES.items() if any(group in row.textures for row in rows)]
+            words = f"a {block.keyword} has no mapping for the kind {kind}, as {listed(others)} have"
+            raise block.error(part, f"{block} has the {texture}: {words}.")
 
 
 def _read_texels(block: Description, dtype: np.dtype) -> Float[Array, "3 height width"]:

@@ -19,7 +19,10 @@ from .schema import PICTURE_MIDDLE, RGB, XY, XYZ, Blocks, Limit, Quantity, Singl
 UNIT_INTERVAL = between(0, 1)
 POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
 NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
-NOT_POSITIVE = Limit(lambda values: bool(np.all(values <= 0)), "0 or less")
+FIRST_BULGES = Limit(NOT_NEGATIVE.holds, "0 or greater (1 over the radius: no face of a lens is hollow)")
+LAST_BULGES = Limit(
+    lambda values: bool(np.all(values <= 0)), "0 or less (minus 1 over the radius: no face of a lens is hollow)"
+)
 NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other than 0 0 0")
 
 Number = Float[Array, ""]
@@ -365,8 +368,8 @@ class Lenses(Shapes):
 
     center: Vectors = _place("diameter", "thickness")
     axis: Vectors = _direction()
-    curvature1: Numbers = attribute(limit=NOT_NEGATIVE, quantity=CURVATURE)
-    curvature2: Numbers = attribute(limit=NOT_POSITIVE, quantity=CURVATURE._replace(ranges=((-math.inf, 0.0),)))
+    curvature1: Numbers = attribute(limit=FIRST_BULGES, quantity=CURVATURE)
+    curvature2: Numbers = attribute(limit=LAST_BULGES, quantity=CURVATURE._replace(ranges=((-math.inf, 0.0),)))
     thickness: Numbers = _length()
     diameter: Numbers = _length()
 

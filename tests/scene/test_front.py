@@ -17,10 +17,12 @@ import raytrace_jax as rj
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 
 SMALL = rj.RenderSettings(size=(24, 18), max_bounces=2)
-NAMES = ["ball", "bubble", "checkpoints", "glass_on_board", "pov_ball", "tank", "two_balls", "two_views", "vitreous"]
+TEMPLATES = ["ball", "box", "prism", "tank", "tube"]
+OTHERS = ["bench", "bubble", "checkpoints", "glass_on_board", "pov_ball", "two_balls", "two_views", "vitreous"]
+NAMES = sorted(TEMPLATES + OTHERS)
 
 
-@pytest.mark.parametrize("name", ["ball", "tank"])
+@pytest.mark.parametrize("name", TEMPLATES)
 def test_a_template_is_written_once(name, tmp_path, capsys):
     place = tmp_path / "new" / "scene.txt"
     assert run("new", name, "-o", place) == 0 and capsys.readouterr().out == f"{place}\n"

@@ -2,7 +2,7 @@
 
 from math import inf
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from tyro.conf import Positional, arg
 
@@ -13,6 +13,8 @@ from ...scene.setting_words import MAX_SAMPLES, EdgeMode, ModelName
 from ...util.checked import Wanted
 from ...util.text import MaterialKind
 from .. import options as shared
+
+Template = Literal["ball", "tank", "prism", "box", "tube"]
 
 FigureFormat = Literal["svg", "pdf"]
 
@@ -188,8 +190,9 @@ class New(shared.CommandOptions):
     Example: raytrace-jax new ball -o scene.txt
     """
 
-    scene: Annotated[Positional[Literal["ball", "tank"]], arg(metavar="ball|tank")]
-    """What it shows. ball: a ball of glass before a checkered board; tank: the board behind a tank of water."""
+    scene: Annotated[Positional[Template], arg(metavar="|".join(get_args(Template)))]
+    """What it shows. ball: a ball of glass before a checkered board; prism, box: a prism or a block there; tank: the
+    board behind a tank of water; tube: behind a liquid in a test tube."""
     output: Annotated[Path, shared.output("SCENE")]
     """The file to write; one that is there stays."""
     liquid: Annotated[float | None, arg(name="in", metavar="INDEX")] = None
