@@ -104,20 +104,21 @@ class Passage(NamedTuple):
 def passage(kinds: Sequence[Kind], rays: Rays, faces: Faces, index: Integers | int, least: Number) -> Passage:
     """The ways of rays through one solid, whose first face has that index."""
     chords = [chord(rays.o, rays.d, face, kind) for face, kind in zip(faces, kinds, strict=True)]
+    own = belongs(rays.origin_shape, index, len(faces))
+    within = own | (largest([each.near for each in chords])[0] < least)
     for k in range(len(faces)):
         near, far, along, depth = chords[k]
         # Within a solid a ray leaves the face that it starts on at the other end of its chord.
         far = jnp.where(rays.origin_shape == index + k, 2 * along, far)
         if len(faces) > 1 and rays.footprint is not None:
             gone = jnp.any(rays.footprint.passed == passed_face(index + k), axis=0)
-            near, far = jnp.where(gone, -jnp.inf, near), jnp.where(gone, jnp.inf, far)
+            near, far = jnp.where(gone & ~within, -jnp.inf, near), jnp.where(gone & within, jnp.inf, far)
         chords[k] = Chord(near, far, along, depth)
     t_in, first = largest([each.near for each in chords])
     t_out, last = largest([-each.far for each in chords])
-    own = belongs(rays.origin_shape, index, len(faces))
     # Beside a crease rounding may put the end before the start.
     t_out = jnp.where(own, jnp.maximum(-t_out, 0), -t_out)
-    return Passage(chords, t_in, t_out, first, last, own, own | (t_in < least))
+    return Passage(chords, t_in, t_out, first, last, own, within)
 
 
 def passed_face(face: Any) -> Any:
@@ -188,8 +189,11 @@ def see(
         longest = safe_sqrt(2 * face.radius * (rim.value + shapes.extent(rim)))
         first = jnp.maximum(first - longest, least)
     else:
-        near = shapes.approach(rays, face, way.t_in, jnp.full_like(t, -1))
-        misses = misses & shapes.is_within(border(rays, chosen(faces, outline), way.t_in, near, False))
+        # It is beyond no more than one: without the face by which it would enter it meets the solid, or without that by
+        # which it would leave.
+        other_in, other_out = largest(nears, way.first)[0], -largest(fars, way.last)[0]
+        misses = misses & ((other_in < way.t_out) | (way.t_in < other_out))
+        misses = misses & shapes.is_within(border(rays, face, way.t_in, True, chosen(faces, outline), True))
     t, outside = jnp.where(misses, first, t), outside | misses
     return shapes.Sighting(t, seen | misses, outside, seen, face_met(way), crease, outline)
 
@@ -218,19 +222,37 @@ def edges(rays: Rays, shape: Shapes, outside: Flags, t: Scalars, near: Approach)
     return (silhouette(rays, shape, passing, outside & curved),)
 
 
-def border(rays: Rays, other: Shapes, t: Scalars, near: Approach, enters: Flags | bool) -> Edge:
-    """The edge in which the faces that rays meet at t end on other faces of the same solids, one a ray.
+def border(rays: Rays, own: Shapes, t: Scalars, outside: Flags | bool, other: Shapes, is_outline: bool) -> Edge:
+    """The edge in which the faces that rays meet at t end on other faces of the same solids, one of each a ray.
 
-    `enters`: whether the rays come into the other face there, as at a crease seen from outside, or go out of it.
+    Of the two faces the one that rays graze more is taken as a function, at the point where they meet the other one:
+    there it is linear.
     """
-    fixed_other, d, fixed_t = jax.lax.stop_gradient((other, rays.d, t))
-    n = surface_normal(jax.lax.stop_gradient(rays.o) + fixed_t * d, fixed_other)
-    cos = dot(n, d)
-    slope = -(jnp.sum(n * (rays.footprint.o + fixed_t * rays.footprint.d), 1) + cos * near.slope)
+    fixed_rays, fixed_own, fixed_other, fixed_t = jax.lax.stop_gradient((rays, own, other, t))
+    o, d, enters = fixed_rays.o, fixed_rays.d, jnp.asarray(outside) & (not is_outline)
+    passing = chord(o, d, fixed_other, "any")
+    t_other = jnp.where(enters, passing.near, passing.far)
+
+    def slope_at(at: Scalars, face: Shapes) -> Scalars:
+        return dot(surface_normal(o + at * d, face), d)
+
+    # Of a curved face only the side counts on which rays meet it.
+    by_own = jnp.abs(slope_at(fixed_t, fixed_own)) >= jnp.abs(slope_at(t_other, fixed_other))
+    by_own |= (jnp.abs(t_other) > 1e3 * fixed_t) | ((slope_at(t_other, fixed_own) < 0) != outside)
+    exists = ~by_own | ((slope_at(fixed_t, fixed_other) < 0) == enters)
+    (steep, at), grazed = select(by_own, ((own, fixed_t), other), ((other, t_other), own))
+    side = jnp.where(by_own, jnp.where(outside, -1, 1), jnp.where(enters, -1, 1)).astype(t.dtype)
+    at = shapes.hit_distance(at, rays.o, rays.d, steep, shapes.GRAZING, side)
+    near = shapes.approach(rays, steep, at, side)
+    # Behind a crease the other face's point is outside of the own one.
+    sign = jnp.where(by_own | is_outline, -1, 1)
+    fixed_grazed, fixed_at = jax.lax.stop_gradient((grazed, at))
+    n = surface_normal(o + fixed_at * d, fixed_grazed)
+    slope = sign * (jnp.sum(n * (rays.footprint.o + fixed_at * rays.footprint.d), 1) + dot(n, d) * near.slope)
     # What is narrower than the footprint has several edges in it: they fade, as a small ball's do.
-    width = jnp.minimum(fixed_other.size, 1 / jnp.maximum(fixed_other.curvature, TINY_32))
+    width = jnp.minimum(fixed_other.size, 1 / jnp.maximum(fixed_grazed.curvature, TINY_32))
     fraction = jnp.minimum(near.fraction, shapes.fraction_of_radius(slope, width))
-    return Edge(-shapes.surface_value(rays.o + t * rays.d, other), slope, fraction, (cos < 0) == enters)
+    return Edge(sign * shapes.surface_value(rays.o + at * rays.d, grazed), slope, fraction, exists)
 
 
 def is_inside(p: Vectors, faces: Faces) -> Flags:
@@ -262,7 +284,11 @@ def clearance(kinds: Sequence[Kind], o: Vectors, light: Vector, faces: Faces, un
     # A way that ends before the solid is clear by the face that it would enter by, one that begins behind it by the
     # other one.
     weight = jax.lax.stop_gradient(jnp.where(s <= 0, 0, jnp.where(s >= length, 1, weight)))
-    return jnp.where(light_inside, within, weight * entry + (1 - weight) * exit_)
+    outside = weight * entry + (1 - weight) * exit_
+    # Nowhere is the way deeper in the solid than it is in any curved face.
+    for each, kind in zip(chords, kinds, strict=True):
+        outside = outside if kind == "flat" else jnp.maximum(outside, -each.depth)
+    return jnp.where(light_inside, within, outside)
 
 
 @functools.partial(jit, static_argnames="kinds")

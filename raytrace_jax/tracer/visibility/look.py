@@ -168,8 +168,10 @@ def look(
     # What is past an edge is behind the whole shape, but past a crease it is another face of it.
     passed = nearest.shape
     if shapes.axis is not None:
-        outline = border_at(rays, shapes, nearest.outline, t, near, False)
-        crease = border_at(rays, shapes, nearest.crease, t, near, nearest.outside)
+        outline, crease = (
+            border_at(rays, surface, shapes, other, nearest.outside, is_outline)
+            for other, is_outline in ((nearest.outline, True), (nearest.crease, False))
+        )
         edges.append(outline)
         is_crease = coverage.most_central([crease])[0] < coverage.most_central(edges)[0]
         edges, passed = [*edges, crease], jnp.where(is_crease, passed_face(passed), passed)
@@ -203,10 +205,10 @@ def look(
 
 
 def border_at(
-    rays: Rays, shapes: Shapes, other: Integers, t: Scalars, near: surfaces.Approach, enters: Flags | bool
+    rays: Rays, surface: coverage.SurfaceAhead, shapes: Shapes, other: Integers, outside: Flags, is_outline: bool
 ) -> Edge:
     """`solid.border` with faces that are given by their indices; negative ones for none."""
-    edge = border(rays, take(shapes, jnp.maximum(other, 0)), t, near, enters)
+    edge = border(rays, surface.shape, surface.t, outside, take(shapes, jnp.maximum(other, 0)), is_outline)
     return eqx.tree_at(lambda e: e.exists, edge, edge.exists & (other >= 0))
 
 
