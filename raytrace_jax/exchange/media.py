@@ -131,7 +131,7 @@ def _surfaces(shapes: Shapes, points: np.ndarray) -> tuple[Surface, ...]:
     columns = [np.asarray(x, np.float64).T for x in (shapes.position, shapes.normal, axis)]
     numbers = [np.asarray(x, np.float64).tolist() for x in (shapes.curvature, shapes.radius)]
     faces = [Face(*face) for face in zip(*columns, *numbers, strict=True)]
-    ends = (*shapes.starts[1:], len(faces))
+    ends = (*shapes.starts, len(faces))[1:]
     return tuple(
         Surface(tuple(faces[start:end]), np.asarray(points[:, :, k], np.float64))
         for k, (start, end) in enumerate(zip(shapes.starts, ends, strict=True))

@@ -143,7 +143,7 @@ def repeated(shapes: Shapes) -> Bool[Array, " shapes"]:
     if shapes.axis is not None:
         rows += [shapes.axis, shapes.curvature[None], shapes.type[None].astype(foot.dtype)]
     table, hidden = jnp.concatenate(rows), jnp.zeros(len(shapes.type), bool)
-    ends = (*shapes.starts[1:], len(shapes.type))
+    ends = (*shapes.starts, len(shapes.type))[1:]
     counts = np.array([end - start for start, end in zip(shapes.starts, ends, strict=True)])
     for count in sorted(set(counts.tolist())):
         # The faces of the shapes that have so many, "shapes faces".
