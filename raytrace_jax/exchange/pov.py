@@ -1,6 +1,7 @@
 """A scene in the language of POV-Ray 3.7."""
 
 import itertools
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
     files: Files = {}
     stem, settings, (width, height) = Path(name).stem, scene.settings, scene.view.size
     # POV-Ray's light falls off as 2 / (1 + (d / fade)^2): an inverse square far beyond a tiny fade distance.
-    fade = 1e-3
+    fade, shapes = 1e-3, _with_holes(scene)
     body = [
         "#version 3.7;",
         f"global_settings {{ assumed_gamma 1 ambient_light 0 max_trace_level {settings.max_bounces + 1} "
@@ -33,9 +34,9 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
             f"fade_distance {fade} fade_power 2 }}"
             for _, location, intensity in scene.lights
         ),
-        *(_shape(shape, stem, files) for shape in scene.shapes),
+        *(_shape(shape, holes, stem, files) for shape, *holes in shapes.values()),
     ]
-    lost = [*scene.lost, *_lost(scene)]
+    lost = [*scene.lost, *_lost(scene, shapes)]
     lost += [
         f"{file}: POV-Ray reads it as 16-bit floats"
         for file, texels in files.items()
@@ -50,9 +51,27 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
     return "\n".join([*head, *body]) + "\n", files, lost
 
 
-def _lost(scene: Described) -> list[str]:
+def _with_holes(scene: Described) -> dict[str, list[Shape]]:
+    """The shapes by name, each with the solids of vacuum that are in it and in no other one: they are cut out of it.
+
+    Of a solid within another one POV-Ray lacks the partial reflection where rays leave it (`ComputeRelativeIOR`).
+    """
+    found = {shape.name: [shape] for shape in scene.shapes}
+    solids = [shape for shape in scene.glass() if shape.keyword != "plane"]
+    for hole in solids:
+        assert hole.surface is not None
+        around = [one for one in solids if one is not hole and one.surface and np.all(one.surface.holds(hole.surface))]
+        is_vacuum, hosts = (
+            [one.material.ior == 1 and not np.any(one.material.absorption) for one in some] for some in ([hole], around)
+        )
+        if is_vacuum == [True] and hosts == [False]:
+            found[around[0].name].append(found.pop(hole.name)[0])
+    return found
+
+
+def _lost(scene: Described, shapes: Collection[str]) -> list[str]:
     """What POV-Ray does otherwise."""
-    lost, glass = [], scene.glass()
+    lost, glass = [], [shape for shape in scene.glass() if shape.name in shapes]
     solids = [shape for shape in glass if shape.keyword != "plane"]
     for material in scene.materials():
         if material.is_glass and np.any(material.absorption):
@@ -79,15 +98,10 @@ def _background(scene: Described, stem: str, files: Files) -> str:
     return f'sky_sphere {{ pigment {{ image_map {{ exr "{name}" map_type 1 interpolate 2 }} rotate -90 * y }} }}'
 
 
-def _shape(shape: Shape, stem: str, files: Files) -> str:
+def _shape(shape: Shape, holes: Sequence[Shape], stem: str, files: Files) -> str:
     numbers = shape.numbers
     if shape.keyword not in ("plane", "rectangle"):
-        assert shape.surface is not None
-        faces = shape.surface.faces
-        # A cylinder ends beyond the faces that cut it.
-        reach = 2 * max(float(norm(face.position - faces[0].position)) for face in faces)
-        parts = [_face(face, reach) for face in faces]
-        body = parts[0] if len(parts) == 1 else " ".join(["intersection {", *(f"{part} }}" for part in parts)])
+        body = _joined("difference", map(_solid, (shape, *holes)))
         return f"// {shape.name}\n{body} {_material(shape, stem, files, np.ones(2))} }}"
     if shape.keyword == "plane":
         right, up = shape.axes()
@@ -101,6 +115,20 @@ def _shape(shape: Shape, stem: str, files: Files) -> str:
         origin, body = numbers["center"], f"polygon {{ 5, {corners}"
     frame = ", ".join(pov_vector(row)[1:-1] for row in (right, np.cross(n, right), n, origin))
     return f"// {shape.name}\n{body} {_material(shape, stem, files, halves)} matrix <{frame}> }}"
+
+
+def _solid(shape: Shape) -> str:
+    """What is inside of a shape, without the closing brace."""
+    assert shape.surface is not None
+    faces = shape.surface.faces
+    # A cylinder ends beyond the faces that cut it.
+    reach = 2 * max(float(norm(face.position - faces[0].position)) for face in faces)
+    return _joined("intersection", (_face(face, reach) for face in faces))
+
+
+def _joined(kind: str, parts: Iterable[str]) -> str:
+    first, *more = parts
+    return " ".join([f"{kind} {{", *(f"{part} }}" for part in (first, *more))]) if more else first
 
 
 def _face(face: Face, reach: float) -> str:

@@ -30,10 +30,13 @@ SCENES = {
     " sphere hole { material air center 0.2 0 0.2 radius 0.3 }",
     "tube": "cylinder wall { material glass center 0.1 0 0 axis 0.1 1.2 0.2 radius 0.6 }"
     " cylinder inner { material water center 0.1 0 0 axis 0.0833 1 0.1667 radius 0.45 }",
+    "pipe": "cylinder wall { material glass center 0.1 0 0 axis 0.1 1.2 0.2 radius 0.6 }"
+    " cylinder inner { material air center 0.1 0 0 axis 0.0833 1 0.1667 radius 0.45 }",
     "tank": "box tank { material water center 0 0 0 right 3 0 0 up 0 3 0 depth 0.9 }"
     " cylinder wall { material glass center 0.1 0 0 axis 0 1.5 0 radius 0.5 }"
     " cylinder inner { material air center 0.1 0 0 axis 0 1.4 0 radius 0.38 }",
-    "in_liquid": "box tank { material water center 0 0 0 right 3 0 0 up 0 3 0 depth 1.2 }"
+    "in_liquid": "box tank { material water center 0 0 1 right 20 0 0 up 0 20 0 depth 20 }"
+    " material dim { emission 0.05 0.06 0.08 } sphere hall { material dim center 0 0 1 radius 15 }"
     " prism body { material flint point 0.1 0.7 0.2 axis 0.1 0 0.5 down 0 -0.8 0 apex 40 }"
     " box other { material glass center -0.9 0 0 right 0.3 0 0.1 up 0 0.6 0 depth 0.3 }",
     "inside": "box body { material glass center 0.1 0 2 right 2 0 0.3 up 0 1.8 0 depth 3 }"
@@ -41,8 +44,11 @@ SCENES = {
     " thickness 0.7 diameter 2 }",
 }
 
-PICTURED = ("box", "rod", "half_disc", "half_ball")
-"""Those of which there is a picture."""
+NESTED = ("tube", "tank", "in_liquid")
+"""Those of which POV-Ray takes other media."""
+
+PICTURED = tuple(name for name in SCENES if name not in ("tube", "tank"))
+"""Those of which there is a picture; that in liquid is of the same scene in vacuum, with indices of 1 / 1.33."""
 
 
 def body_scene(name, dtype=None):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from body_scenes import HEAD, OUTSIDE, PICTURED, SCENES, body_scene
+from body_scenes import HEAD, NESTED, OUTSIDE, PICTURED, SCENES, body_scene
 
 from raytrace_jax import export_scene, import_scene, parse_scene, render
 
@@ -27,8 +27,8 @@ def test_pov_ray_gets_every_face(name, tmp_path):
     counts = {"box": 6, "prism": 5, "rod": 1, "half_ball": 1, "biconvex": 2}
     if name in faces:
         assert text.count(f"{faces[name]} {{") == counts[name]
-    is_nested = name in ("bubble", "tube", "tank", "in_liquid", "inside")
-    assert bool(lost) == is_nested and all(one.startswith("glass within glass") for one in lost)
+    assert text.count("difference") == (name in ("bubble", "pipe", "inside"))
+    assert bool(lost) == (name in NESTED) and all(one.startswith("glass within glass") for one in lost)
 
 
 def test_cubes_and_cylinders_come_back(tmp_path):
