@@ -17,6 +17,9 @@ from .schema import BlockType
 SETTINGS = "settings"
 """The keyword of what a file says of how its picture is made."""
 
+OBLIQUE = 1e-4
+"""Directions are at right angles whose cosine is no more: people write four or five digits."""
+
 
 def _direction(a: np.ndarray) -> np.ndarray:
     """The unit vector along `a` in float64; zero stays zero, and squares neither overflow nor vanish."""
@@ -34,7 +37,7 @@ def _not_upright_base(axis: np.ndarray, down: np.ndarray) -> str | None:
 
 def _oblique(a: np.ndarray, b: np.ndarray, names: str) -> str | None:
     cosine = float(np.clip(_direction(a) @ _direction(b), -1, 1))
-    if abs(cosine) <= 1e-4:  # People write four or five digits.
+    if abs(cosine) <= OBLIQUE:
         return None
     return f"{names} must be orthogonal, but the angle between them is {np.degrees(np.arccos(cosine)):.6g} degrees"
 

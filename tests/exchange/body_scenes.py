@@ -16,6 +16,14 @@ camera eye { pixeldim 96 72 lookat 0.1 -0.05 -0.3 up 0.05 1 0.02 fov 37 viewpoin
 
 OUTSIDE = "1.1 0.8 4.6 }"
 
+WALLS = " ".join(
+    f"rectangle wall{axis}{side} {{ material dim center {place[0]} {place[1]} {place[2]} right {right} up {up} }}"
+    for axis, right, up in ((0, "0 10 0", "0 0 10"), (1, "10 0 0", "0 0 10"), (2, "10 0 0", "0 10 0"))
+    for side in (0, 1)
+    for place in [[10 * (2 * side - 1) * (axis == k) for k in range(3)]]
+)
+"""A room as dim as the sky."""
+
 SCENES = {
     "box": "box body { material glass center 0.1 -0.05 0.2 right 0.8 0.1 0.15 up -0.079 0.6 0.0214 depth 0.5 }",
     "prism": "prism body { material flint point 0.1 0.7 0.2 axis 0.2 0.1 0.7 down 0.2 -1.1 0.1 apex 50 }",
@@ -36,7 +44,7 @@ SCENES = {
     " cylinder wall { material glass center 0.1 0 0 axis 0 1.5 0 radius 0.5 }"
     " cylinder inner { material air center 0.1 0 0 axis 0 1.4 0 radius 0.38 }",
     "in_liquid": "box tank { material water center 0 0 1 right 20 0 0 up 0 20 0 depth 20 }"
-    " material dim { emission 0.05 0.06 0.08 } sphere hall { material dim center 0 0 1 radius 15 }"
+    f" material dim {{ emission 0.05 0.06 0.08 }} {WALLS}"
     " prism body { material flint point 0.1 0.7 0.2 axis 0.1 0 0.5 down 0 -0.8 0 apex 40 }"
     " box other { material glass center -0.9 0 0 right 0.3 0 0.1 up 0 0.6 0 depth 0.3 }",
     "inside": "box body { material glass center 0.1 0 2 right 2 0 0.3 up 0 1.8 0 depth 3 }"

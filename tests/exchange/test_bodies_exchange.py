@@ -33,7 +33,7 @@ def test_pov_ray_gets_every_face(name, tmp_path):
 
 def test_cubes_and_cylinders_come_back(tmp_path):
     pytest.importorskip("mitsuba")
-    box = "box block { material glass center 0.1 -0.05 0.2 right 0.6 0.8 0 up -0.4 0.3 0 depth 0.5 }"
+    box = "box block { material glass center 0.1 -0.05 0.2 right 0.6 0.8 0 up -0.4 0.30004 0 depth 0.5 }"
     rod = "cylinder rod { material flint center 3 0 0.1 axis 0.9 0.5 -0.3 radius 0.35 }"
     scene = parse_scene(f"{HEAD}{OUTSIDE}\n{box}\n{rod}\n", dtype=np.float64)
     assert not export_scene(scene, tmp_path / "a.xml", "mitsuba")

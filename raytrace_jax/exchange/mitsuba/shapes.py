@@ -12,6 +12,7 @@ from numpy.linalg import norm
 
 from ...errors import SceneError
 from ...images.pictures import read_whole_picture
+from ...scene.table import OBLIQUE
 from ..described import BLACK, Material, Shape, Texture, Triple, reach, unit
 from ..media import SurfaceMedia
 from .plugins import UPSIDE_DOWN, Color, Plugin, Point, Value
@@ -69,7 +70,7 @@ def read_shape(plugin: Plugin, eye: Sequence[float] | None, lost: Lost) -> Shape
 
 def _numbers(plugin: Plugin, lost: Lost) -> dict[str, Any] | None:
     """The numbers of a shape; None where its transform makes it one that we have not."""
-    # Lengths that differ by a smaller share are equal, and directions that lean less are at right angles.
+    # Lengths that differ by a smaller share are equal.
     matrix, equal = plugin.transform(), 1e-9
     if plugin.kind == "sphere":
         gram, radius = matrix[:3, :3].T @ matrix[:3, :3], plugin.number("radius", 1.0)
@@ -86,14 +87,14 @@ def _numbers(plugin: Plugin, lost: Lost) -> dict[str, Any] | None:
         across = matrix[:3, :3] @ np.linalg.svd((p1 - p0)[None])[2][1:].T
         gram = across.T @ across
         is_round = np.allclose(gram, gram[0, 0] * np.eye(2), rtol=0, atol=equal * np.abs(gram).max())
-        if not is_round or norm(axis @ across) > equal * norm(axis) * norm(across):
+        if not is_round or norm(axis @ across) > OBLIQUE * norm(axis) * norm(across):
             lost.append("its to_world makes it no upright cylinder")
             return None
         radius = plugin.number("radius", 1.0) * math.sqrt(gram[0, 0])
         return {"center": matrix[:3, :3] @ (p0 + p1) / 2 + matrix[:3, 3], "axis": axis, "radius": radius}
     right, up, depth = matrix[:3, :3].T
     pairs = [(right, up), (up, depth), (depth, right)][: 3 if plugin.kind == "cube" else 1]
-    if any(abs(a @ b) > equal * norm(a) * norm(b) for a, b in pairs):
+    if any(abs(a @ b) > OBLIQUE * norm(a) * norm(b) for a, b in pairs):
         lost.append("its sides are not at right angles")
         return None
     if plugin.kind == "cube":
