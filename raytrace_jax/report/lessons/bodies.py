@@ -1,6 +1,7 @@
-"""Lessons on glass that is not a ball: half a disc, a prism and a lens, with the rays as the tracer has them."""
+"""Lessons on bodies of glass: half a disc, a prism, a lens and a ball, with the rays as the tracer has them."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,7 +14,7 @@ from ...scene.rows import Description
 from ...tracer.ray_tree import RayNode, trace_tree
 from ...tracer.settings import RenderSettings
 from ..rays import COLOURS as KINDS
-from .formulas import BLUE, GREY, INDEX, ORANGE, RED, finish, make_figure
+from .formulas import BLUE, COLOURS, GREY, INDEX, ORANGE, RED, draw_by_index, finish, make_figure
 
 
 def trace(body: Description, start: np.ndarray, direction: np.ndarray) -> list[RayNode]:
@@ -50,7 +51,7 @@ def draw_rays(ax: Axes, nodes: list[RayNode], stub: float, width: float) -> None
         wide = width * max(node.weight, 0.15)
         ax.plot(*np.stack([node.o, node.o + way])[:, :2].T, linewidth=wide, solid_capstyle="round", **look)
         arrow = (3, 0, degrees_of(way) - 90)
-        ax.plot(*(node.o + 0.45 * way)[:2], marker=arrow, markersize=3.5 + 1.8 * wide, **look)
+        ax.plot(*(node.o + 0.38 * way)[:2], marker=arrow, markersize=3.5 + 1.8 * wide, **look)
 
 
 def draw_glass(ax: Axes, points: np.ndarray, title: str) -> None:
@@ -152,24 +153,61 @@ def draw_prism() -> Figure:
     return figure
 
 
+def draw_beam(ax: Axes, body: Description, outline: np.ndarray, back: float, length: optics.FocalLength) -> None:
+    """Parallel rays through a body whose back is at x = `back`, with the focus for rays near the axis."""
+    draw_glass(ax, outline, f"parallel light, n = {INDEX:g}: the farther out, the nearer it crosses the axis")
+    for height in np.linspace(-0.9, 0.9, 15):
+        draw_rays(ax, path(trace(body, np.array([-1.9, height, 0]), unit(0))), 4.0, 1.0)
+    focus = back + float(length.back), 0
+    ax.axhline(0, color="0.6", linewidth=0.8, linestyle="-.", zorder=0)
+    ax.plot(*focus, "o", color=RED, markersize=7, zorder=5)
+    words = f"focus for rays near the axis:\nf = {length.effective:.3f}, from the back {length.back:.3f}"
+    line = {"arrowstyle": "-", "color": RED}
+    ax.annotate(words, focus, xytext=(focus[0], -1.4), ha="center", fontsize=9.5, color=RED, arrowprops=line)
+    ax.set(xlim=(-1.9, focus[0] + 1.4), ylim=(-1.5, 1.15))
+
+
 def draw_lens() -> Figure:
     """Parallel rays through a lens with its focus; lengths are in radii of the rim."""
-    figure, (ax,) = make_figure(f"Parallel light through a lens, n = {INDEX:g}", 1, 1, (12, 5.6))
+    figure, (ax,) = make_figure("A lens, and the lensmaker's equation", 1, 1, (12, 5.6))
     bend, thickness = 0.36, 0.8
     lens = build.lens("lens", material="glass", center=(0, 0, 0), axis=(1, 0, 0), curvature1=bend, curvature2=-bend,
                       thickness=thickness, diameter=2)  # fmt: skip
     y = np.linspace(-1, 1, 101)
     sag = bend * y**2 / (1 + np.sqrt(1 - (bend * y) ** 2)) - thickness / 2
-    points = np.concatenate([[sag, y], [-sag, -y]], axis=1).T
-    draw_glass(ax, points, "the farther out a ray is, the nearer to the lens it crosses the axis")
-    for height in np.linspace(-0.94, 0.94, 17):
-        draw_rays(ax, path(trace(lens, np.array([-1.6, height, 0]), unit(0))), 4.2, 1.0)
-    effective, back = (float(x) for x in optics.lensmaker_focal_length(bend, -bend, INDEX, thickness))
-    focus = thickness / 2 + back
-    ax.axhline(0, color="0.6", linewidth=0.8, linestyle="-.", zorder=0)
-    ax.plot(focus, 0, "o", color=RED, markersize=7, zorder=5)
-    words = f"focus for rays near the axis, by the lensmaker's equation:\nf = {effective:.3f}, from the back {back:.3f}"
-    ax.annotate(words, (focus, 0), xytext=(focus - 0.5, -1.25), ha="center", fontsize=9.5, color=RED,
-                arrowprops={"arrowstyle": "-", "color": RED})  # fmt: skip
-    ax.set(xlim=(-1.6, 4.2), ylim=(-1.45, 1.15))
+    outline = np.concatenate([[sag, y], [-sag, -y]], axis=1).T
+    draw_beam(ax, lens, outline, thickness / 2, optics.lensmaker_focal_length(bend, -bend, INDEX, thickness))
+    return figure
+
+
+def draw_ball() -> Figure:
+    """Three panels: rays through a glass ball, deviation by a drop, and its derivative by the index."""
+    figure, (rays, turn, slope) = make_figure("A ray through a ball", 1, 3, (15, 5))
+    water = 1.333
+    glass = build.sphere("ball", material="glass", center=(0, 0, 0), radius=1)
+    outline = np.array([unit(angle) for angle in range(360)])
+    draw_beam(rays, glass, outline, 1, optics.lens_focal_length(1.0, INDEX))
+    distance = np.linspace(0, 0.9999, 600)
+    theta = np.arcsin(distance)
+    for k, name in enumerate(("straight through", "one reflection inside", "two reflections inside")):
+        color = COLOURS[k]
+
+        def deviation(n, theta=theta, k=k):
+            return jnp.degrees(optics.sphere_deviation(theta, n, k))
+
+        draw_by_index((turn, slope), distance, deviation, np.full_like(theta, water), color=color, label=name)
+        closed = 2 * (k + 1) * np.tan(np.arcsin(distance / water)) / water
+        slope.plot(distance[::40], np.degrees(closed)[::40], ".", color=color)
+        if k:
+            incidence = optics.rainbow_incidence(water, k)
+            degrees = float(deviation(water, np.asarray(incidence)))
+            least = float(np.sin(incidence)), degrees
+            turn.plot(*least, "o", color=color)
+            words = f"rainbow: least, {degrees:.1f}°"
+            turn.annotate(words, least, xytext=(-6, -14), textcoords="offset points", ha="right", fontsize=9)
+    turn.set_ylim(0, 370)
+    title, distance_words = f"deviation by a drop of water, n = {water:g}", "distance from the axis [radii]"
+    finish(turn, title, distance_words, "deviation [degrees]", loc="upper right")
+    change = "dD/dn [degrees per unit of index]"
+    finish(slope, "its derivative by the index", distance_words, change, loc="upper left")
     return figure
