@@ -155,7 +155,7 @@ def draw_prism() -> Figure:
 
 def draw_beam(ax: Axes, body: Description, outline: np.ndarray, back: float, length: optics.FocalLength) -> None:
     """Parallel rays through a body whose back is at x = `back`, with the focus for rays near the axis."""
-    draw_glass(ax, outline, f"parallel light, n = {INDEX:g}: the farther out, the nearer it crosses the axis")
+    draw_glass(ax, outline, f"parallel light through glass, n = {INDEX:g}")
     for height in np.linspace(-0.9, 0.9, 15):
         draw_rays(ax, path(trace(body, np.array([-1.9, height, 0]), unit(0))), 4.0, 1.0)
     focus = back + float(length.back), 0
@@ -163,7 +163,7 @@ def draw_beam(ax: Axes, body: Description, outline: np.ndarray, back: float, len
     ax.plot(*focus, "o", color=RED, markersize=7, zorder=5)
     words = f"focus for rays near the axis:\nf = {length.effective:.3f}, from the back {length.back:.3f}"
     line = {"arrowstyle": "-", "color": RED}
-    ax.annotate(words, focus, xytext=(focus[0], -1.4), ha="center", fontsize=9.5, color=RED, arrowprops=line)
+    ax.annotate(words, focus, xytext=(focus[0] - 1.2, -1.4), ha="center", fontsize=9.5, color=RED, arrowprops=line)
     ax.set(xlim=(-1.9, focus[0] + 1.4), ylim=(-1.5, 1.15))
 
 
