@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 
 from ...scene.structs import Boxes, CutCylinders, CutSpheres, Cylinders, Lenses, Prisms, Spheres
 from ...util.numerics import direction, dot
-from .solid import solid
+from .solid import Kind, solid
 
 Numbers = Float[Array, " shapes"]
 Vectors = Float[Array, "3 shapes"]
@@ -82,10 +82,11 @@ def lens(lenses: Lenses) -> Face:
     return body(jnp.maximum(volume, 0), *faces)
 
 
+FACE: Kind = "flat"
 SPHERE = solid(ball, "ball")
 CUT_SPHERE = solid(half_ball, "ball", "flat")
-BOX = solid(box, *["flat"] * 6)
-PRISM = solid(prism, *["flat"] * 5)
+BOX = solid(box, *6 * (FACE,))
+PRISM = solid(prism, *5 * (FACE,))
 CYLINDER = solid(cylinder, "cylinder", "flat", "flat")
 CUT_CYLINDER = solid(half_cylinder, "cylinder", "flat", "flat", "flat")
 LENS = solid(lens, "cylinder", "cap", "cap")

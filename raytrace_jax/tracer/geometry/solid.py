@@ -175,8 +175,8 @@ def see(
     way = passage(kinds, rays, faces, index, least)
     (t, seen), outside = meeting(way, rays, faces, least), ~way.within
     crease = outline = -1
+    nears, fars = [each.near for each in way.chords], [-each.far for each in way.chords]
     if len(faces) > 1:
-        nears, fars = [each.near for each in way.chords], [-each.far for each in way.chords]
         crease = jnp.where(outside, largest(nears, way.first)[1], largest(fars, way.last)[1])
         outline = jnp.where(outside, largest(fars, way.first)[1], -1)
 
