@@ -43,15 +43,14 @@ def _oblique(a: np.ndarray, b: np.ndarray, names: str) -> str | None:
 
 
 def _no_rim(curvature1: np.ndarray, curvature2: np.ndarray, thickness: np.ndarray, diameter: np.ndarray) -> str | None:
-    half = float(diameter) / 2
-    for name, curvature in (("curvature1", float(curvature1)), ("curvature2", float(curvature2))):
+    half, curvatures = float(diameter) / 2, {"curvature1": float(curvature1), "curvature2": float(curvature2)}
+    for name, curvature in curvatures.items():
         if half * abs(curvature) > 1:
             return (
                 f"the face of {name} has a radius of {1 / abs(curvature):.6g} and must reach the rim, {half:.6g} from "
                 f"the axis: diameter may be {2 / abs(curvature):.6g}, or {name} {np.copysign(1 / half, curvature):.6g}"
             )
-    bends = abs(float(curvature1)), abs(float(curvature2))
-    least = sum(bend * half**2 / (1 + np.sqrt(1 - (bend * half) ** 2)) for bend in bends)
+    least = sum(abs(bend) * half**2 / (1 + np.sqrt(1 - (bend * half) ** 2)) for bend in curvatures.values())
     if least <= thickness:
         return None
     return (

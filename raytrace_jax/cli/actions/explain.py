@@ -143,21 +143,20 @@ def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
         material = material_of(scene, body)
         places = [one for one in body.type.continuous if one.quantity.role == "position"]
         if places and float(material.read(scene, weight)) > 0 and np.ndim(material.read(scene, "ior")) == 0:
-            ior, place = float(material.read(scene, "ior")), places[0]
+            (place,), ior = places, float(material.read(scene, "ior"))
             # From vacuum to diamond.
-            sliders = [Slider(f"{body.name}.ior", min(1.0, ior), max(2.4, ior))]
+            index = Slider(f"{body.name}.ior", min(1.0, ior), max(2.4, ior))
             size = max(float(np.linalg.norm(body.read(scene, name))) for name in place.quantity.sized_by)
             values = np.asarray(body.read(scene, place.name), float)
             ways = [(f"{place.name}.{axis}", x - size, x + size) for axis, x in zip("xyz", values, strict=True)]
             if body.keyword == "prism":
                 apex, down, edge = (np.asarray(body.read(scene, name), float) for name in ("apex", "down", "axis"))
                 ways.append(("apex", min(20.0, float(apex)), max(90.0, float(apex))))
-                length, least = np.linalg.norm(down), 1e-6 * np.linalg.norm(edge)
+                length = np.linalg.norm(down)
                 # One number of `down` alone keeps it at right angles to an edge that has no part that way.
-                ways += [
-                    (f"down.{axis}", -length, length) for axis, x in zip("xyz", edge, strict=True) if abs(x) < least
-                ]
-            return *sliders, *(Slider(f"{body.name}.{name}", low, high).widened() for name, low, high in ways)
+                across = np.array(list("xyz"))[np.abs(edge) < 1e-6 * np.linalg.norm(edge)]
+                ways += [(f"down.{axis}", -length, length) for axis in across]
+            return index, *(Slider(f"{body.name}.{name}", low, high).widened() for name, low, high in ways)
     raise UsageError("the scene has no glass body to move; name the numbers that move with --over NAME=START:STOP.")
 
 

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Rectangle
 
 from ... import optics
-from ...optics import critical_angle, snell_angle, sphere_deviation
+from ...optics import critical_angle, snell_angle
 from ...util.numerics import safe_sqrt
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#0072b2", "#e69f00", "#009e73", "#c1121f", "#8b5a9f", "#666666"
@@ -213,59 +213,6 @@ def draw_critical() -> Figure:
     finish(angle, "angle", "index of refraction n", "critical angle [degrees]")
     finish(slope, "its derivative by the index", "index of refraction n", change, loc="lower right")
     return figure
-
-
-def draw_ball() -> Figure:
-    """Three panels: rays through a glass ball, deviation by a drop, and its derivative by the index."""
-    figure, (rays, turn, slope) = make_figure("A ray through a ball", 1, 3, (15, 5))
-    water = 1.333
-    _draw_rays(rays)
-    distance = np.linspace(0, 0.9999, 600)
-    theta = np.arcsin(distance)
-    for k, name in enumerate(("straight through", "one reflection inside", "two reflections inside")):
-        color = COLOURS[k]
-
-        def deviation(n, theta=theta, k=k):
-            return jnp.degrees(sphere_deviation(theta, n, k))
-
-        draw_by_index((turn, slope), distance, deviation, np.full_like(theta, water), color=color, label=name)
-        closed = 2 * (k + 1) * np.tan(np.arcsin(distance / water)) / water
-        slope.plot(distance[::40], np.degrees(closed)[::40], ".", color=color)
-        if k:
-            incidence = optics.rainbow_incidence(water, k)
-            degrees = float(deviation(water, np.asarray(incidence)))
-            least = float(np.sin(incidence)), degrees
-            turn.plot(*least, "o", color=color)
-            words = f"rainbow: least, {degrees:.1f}°"
-            turn.annotate(words, least, xytext=(-6, -14), textcoords="offset points", ha="right", fontsize=9)
-    turn.set_ylim(0, 370)
-    title, distance_words = f"deviation by a drop of water, n = {water:g}", "distance from the axis [radii]"
-    finish(turn, title, distance_words, "deviation [degrees]", loc="upper right")
-    change = "dD/dn [degrees per unit of index]"
-    finish(slope, "its derivative by the index", distance_words, change, loc="upper left")
-    return figure
-
-
-def _draw_rays(ax: Axes) -> None:
-    """Parallel rays refracted twice, by `refract` itself; the ball has radius one."""
-    ax.add_patch(Circle((0, 0), 1, facecolor="#dcecfb", edgecolor="0.4"))
-    heights = np.linspace(-0.9, 0.9, 13)
-    n = jnp.asarray(np.stack([-np.sqrt(1 - heights**2), heights, 0 * heights]))
-    d, index = jnp.zeros_like(n).at[0].set(1), jnp.full_like(n[0], INDEX)
-    within, _, _ = optics.refract(d, n, index)
-    end = n - 2 * jnp.sum(n * within, axis=0) * within
-    beyond, _, _ = optics.refract(within, end, 1 / index)
-    path = np.stack([n.at[0].set(-1.9), n, end, end + 4 * beyond])[:, :2]
-    lines = ax.plot(path[:, 0], path[:, 1], color=BLUE, linewidth=0.9)
-    lines[0].set_label("rays")
-    effective, back = (float(length) for length in optics.lens_focal_length(1.0, INDEX))
-    ax.plot(effective, 0, "o", color=RED, markersize=6, zorder=3)
-    words = f"focus for rays near the axis:\n{effective:g} R from the centre,\n{back:g} R from the back"
-    line = {"arrowstyle": "-", "color": GREY}
-    ax.annotate(words, (effective, 0), xytext=(-1.75, -1.85), fontsize=9, arrowprops=line)
-    ax.set(xlim=(-1.9, 2.8), ylim=(-2, 2), aspect="equal")
-    title = f"parallel light through a glass ball, n = {INDEX:g}"
-    finish(ax, title, "along the axis [radii]", "from the axis [radii]", loc="upper left")
 
 
 SQUARE_ROOTS: tuple[tuple[str, str, Callable], ...] = (

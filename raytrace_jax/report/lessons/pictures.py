@@ -171,7 +171,7 @@ LESSONS: dict[LessonName, Callable[[], Figure]] = {
     "half_disc": bodies.draw_half_disc,
     "prism": bodies.draw_prism,
     "lens": bodies.draw_lens,
-    "ball": formulas.draw_ball,
+    "ball": bodies.draw_ball,
     "dispersion": draw_dispersion,
     "total_reflection": formulas.draw_total_reflection,
     "edges": draw_edges,

@@ -13,21 +13,14 @@ Vectors = Float[Array, "3 shapes"]
 Face = dict[str, Array]
 
 
-def plane(point: Vectors, normal: Vectors) -> Face:
-    zeros = jnp.zeros_like(point[0])
-    return {"position": point, "normal": normal, "curvature": zeros, "radius": zeros, "axis": jnp.zeros_like(point)}
+def plane(point: Vectors, normal: Vectors, **more: Array) -> Face:
+    zeros, none = jnp.zeros_like(point[0]), jnp.zeros_like(point)
+    return {"position": point, "normal": normal, "curvature": zeros, "radius": zeros, "axis": none, **more}
 
 
-def round_face(center: Vectors, radius: Numbers, axis: Vectors | None = None) -> Face:
+def round_face(center: Vectors, radius: Numbers, **axis: Vectors) -> Face:
     """A ball's, or with an axis a cylinder's."""
-    none = jnp.zeros_like(center)
-    axis = none if axis is None else axis
-    return {"position": center, "normal": none, "curvature": 1 / radius, "radius": radius, "axis": axis}
-
-
-def cap(vertex: Vectors, normal: Vectors, curvature: Numbers) -> Face:
-    """A ball's, or a plane where the curvature is 0, through a point at which it has that normal."""
-    return plane(vertex, normal) | {"curvature": curvature}
+    return plane(center, jnp.zeros_like(center), curvature=1 / radius, radius=radius, **axis)
 
 
 def body(volume: Numbers, *faces: Face) -> Face:
@@ -65,30 +58,23 @@ def prism(prisms: Prisms) -> Face:
     return body(volume, *refracting, plane(point + prisms.down, down), *ends)
 
 
-def cylinder(cylinders: Cylinders) -> Face:
-    return body(cylinder_volume(cylinders), *cylinder_faces(cylinders))
+def cylinder(cylinders: Cylinders, *cut: Face) -> Face:
+    """With a cut through its center it is half a cylinder."""
+    center, radius, along = cylinders.center, cylinders.radius, direction(cylinders.axis)
+    ends = [plane(center + s * cylinders.axis, s * along) for s in (1, -1)]
+    volume = 2 * jnp.pi * radius**2 * dot(cylinders.axis, along) / (1 + len(cut))
+    return body(volume, round_face(center, radius, axis=along), *ends, *cut)
 
 
 def half_cylinder(cylinders: CutCylinders) -> Face:
-    cut = plane(cylinders.center, direction(cylinders.cut))
-    return body(cylinder_volume(cylinders) / 2, *cylinder_faces(cylinders), cut)
-
-
-def cylinder_faces(cylinders: Cylinders) -> list[Face]:
-    center, along = cylinders.center, direction(cylinders.axis)
-    ends = [plane(center + s * cylinders.axis, s * along) for s in (1, -1)]
-    return [round_face(center, cylinders.radius, along), *ends]
-
-
-def cylinder_volume(cylinders: Cylinders) -> Numbers:
-    return 2 * jnp.pi * cylinders.radius**2 * dot(cylinders.axis, direction(cylinders.axis))
+    return cylinder(cylinders, plane(cylinders.center, direction(cylinders.cut)))
 
 
 def lens(lenses: Lenses) -> Face:
     along, radius = direction(lenses.axis), lenses.diameter / 2
-    faces, volume = [round_face(lenses.center, radius, along)], jnp.pi * radius**2 * lenses.thickness
+    faces, volume = [round_face(lenses.center, radius, axis=along)], jnp.pi * radius**2 * lenses.thickness
     for s, curvature in ((-1, lenses.curvature1), (1, -lenses.curvature2)):
-        faces.append(cap(lenses.center + s * lenses.thickness / 2 * along, s * along, curvature))
+        faces.append(plane(lenses.center + s * lenses.thickness / 2 * along, s * along, curvature=curvature))
         # What lies between a face and the plane through its vertex, up to the rim.
         root = jnp.sqrt(jnp.maximum(1 - (curvature * radius) ** 2, 0))
         depth = curvature * radius**2 / (1 + root)

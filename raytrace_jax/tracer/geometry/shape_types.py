@@ -100,8 +100,7 @@ def families(names: Collection[str]) -> dict[Any, int]:
 def present_types(shapes: Shapes) -> list[tuple[int, ShapeType]]:
     """The families of types that there are, by the number that their faces have as type."""
     known = families(SHAPE_TYPES)
-    places = [known[edges] for edges in families(shapes.types)]
-    return [(place, list(SHAPE_TYPES.values())[place]) for place in places]
+    return [(known[edges], list(SHAPE_TYPES.values())[known[edges]]) for edges in families(shapes.types)]
 
 
 def by_type(shape: Shapes, answer: Callable[[ShapeType], T]) -> T:
@@ -124,8 +123,7 @@ def per_face(scene: Scene, of_shapes: Sequence[T]) -> list[T]:
 
 def face_owners(scene: Scene) -> list[tuple[str, int]]:
     """Of each face that rays meet the name of its surface, and the place of its shape in the file."""
-    counts = {shape.name: SHAPE_TYPES[shape.type.group].face_count for shape in shape_blocks(with_planes(scene))}
-    return [(name, place) for name, place in surface_owners(scene).items() for _ in range(counts[name])]
+    return per_face(with_planes(scene), list(surface_owners(scene).items()))
 
 
 def face_materials(scene: Scene) -> list[int]:

@@ -44,12 +44,13 @@ class Chord(NamedTuple):
     depth: Scalars  # Minus F there: positive where the ray meets a curved face.
 
 
-def chord(o: Vectors, d: Vectors, face: Shapes, kind: Kind) -> Chord:
-    """The chords of rays, with directions of length one, in one face or in one a ray.
+def chord(o: Vectors, d: Vectors, face: Shapes, kind: Kind | None = None) -> Chord:
+    """The chords of rays, with directions of length one, in one face or in one a ray; of any kind where none is told.
 
     The distances are counted from the ray's point nearest to the face's position, so that no digits are lost when that
     is far away (Haines et al., Precision improvements for ray/sphere intersection, Ray Tracing Gems, 2019).
     """
+    kind = kind or ("ball" if face.axis is None else "any")
     face = lifted(face, o.ndim - 1)
     from_position = o - face.position
     if kind == "flat":
@@ -163,7 +164,7 @@ def face_met(way: Passage) -> Integers | int:
 
 
 def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
-    passing = chord(rays.o, rays.d, shape, "ball" if shape.axis is None else "any")
+    passing = chord(rays.o, rays.d, shape)
     return jnp.where(outside, passing.near, passing.far)
 
 
@@ -174,8 +175,8 @@ def see(
     way = passage(kinds, rays, faces, index, least)
     (t, seen), outside = meeting(way, rays, faces, least), ~way.within
     crease = outline = -1
+    nears, fars = [each.near for each in way.chords], [-each.far for each in way.chords]
     if len(faces) > 1:
-        nears, fars = [each.near for each in way.chords], [-each.far for each in way.chords]
         crease = jnp.where(outside, largest(nears, way.first)[1], largest(fars, way.last)[1])
         outline = jnp.where(outside, largest(fars, way.first)[1], -1)
 
@@ -218,7 +219,7 @@ def silhouette(rays: Rays, face: Shapes, passing: Chord, exists: Flags | bool) -
 def edges(rays: Rays, shape: Shapes, outside: Flags, t: Scalars, near: Approach) -> tuple[Edge, ...]:
     curved = shape.curvature > 0
     shape = dataclasses.replace(shape, curvature=jnp.where(curved, shape.curvature, 1))
-    passing = chord(rays.o, rays.d, shape, "ball" if shape.axis is None else "any")
+    passing = chord(rays.o, rays.d, shape)
     return (silhouette(rays, shape, passing, outside & curved),)
 
 
@@ -230,7 +231,7 @@ def border(rays: Rays, own: Shapes, t: Scalars, outside: Flags | bool, other: Sh
     """
     fixed_rays, fixed_own, fixed_other, fixed_t = jax.lax.stop_gradient((rays, own, other, t))
     o, d, enters = fixed_rays.o, fixed_rays.d, jnp.asarray(outside) & (not is_outline)
-    passing = chord(o, d, fixed_other, "any")
+    passing = chord(o, d, fixed_other)
     t_other = jnp.where(enters, passing.near, passing.far)
 
     def slope_at(at: Scalars, face: Shapes) -> Scalars:

@@ -22,7 +22,7 @@ from jaxtyping import Array
 
 from ...util.numerics import TINY_32, dot, select
 from ..geometry import shapes
-from ..geometry.rays import Flags, Pairs, Rays, Scalars, Vectors
+from ..geometry.rays import Flags, Pairs, Rays, Scalars
 from ..geometry.shapes import Approach, Edge, Shapes
 from ..geometry.solid import chord
 
@@ -43,7 +43,7 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
     function F at the point where the ray meets the other surface: it has the same zero, and stays smooth at the rim.
     """
     fixed_rays, fixed_near, fixed_behind = stop_gradient((rays, near, behind))
-    along = deepest(fixed_rays.o, fixed_rays.d, fixed_near.shape)
+    along = chord(fixed_rays.o, fixed_rays.d, fixed_near.shape).along
     # The nearer sphere's F tells which surface comes first only before the sphere's middle, at `along`: beyond it F
     # grows again towards the far side of the sphere.
     by_near = (near.side < 0) & near.curved & (fixed_behind.t < along)
@@ -71,13 +71,6 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
     )
     slope = jnp.where(by_function, slope, behind.approach.slope - near.approach.slope)
     return Edge(value, slope, fraction, exists)
-
-
-def deepest(o: Vectors, d: Vectors, shape: Shapes) -> Scalars:
-    """How far along each ray its point is that is deepest inside of a curved face; anything for a flat one."""
-    if shape.axis is None:
-        return -dot(o - shape.position, d)
-    return chord(o, d, shape, "any").along
 
 
 def edge_distance(edge: Edge):
