@@ -13,8 +13,9 @@ from numpy.linalg import norm
 from ..scene.scene import Scene, least_distance
 from ..tracer.geometry.intersection import SurfaceInteraction
 from ..tracer.geometry.rays import NO_SHAPE, Integers, Vectors
-from ..tracer.geometry.shapes import Shapes, surface_normal
-from ..tracer.geometry.solid import chord
+from ..tracer.geometry.shape_types import face
+from ..tracer.geometry.shapes import Faces, Shapes, surface_normal
+from ..tracer.geometry.solid import chord, is_inside
 from ..tracer.settings import ResolvedSettings
 from ..tracer.shading.physical import innermost, media_at
 from ..tracer.world import World, prepare_world
@@ -27,30 +28,15 @@ PLACES[:, :4] = [-1, -1, 1, 1], [-1, 1, -1, 1]
 """Places on a rectangle in halves of its sides; the first are its corners."""
 
 
-class Face(NamedTuple):
-    """A face of a shape in plain numbers: the coefficients of F, as `tracer.geometry.shapes` has them."""
-
-    position: np.ndarray
-    normal: np.ndarray
-    axis: np.ndarray
-    curvature: float
-    radius: float
-
-    def value(self, p: np.ndarray) -> np.ndarray:
-        """F at points, negative inside."""
-        q = p - self.position[:, None]
-        return self.normal @ q + self.curvature / 2 * (np.sum(q * q, axis=0) - (self.axis @ q) ** 2 - self.radius**2)
-
-
 class Surface(NamedTuple):
-    """The faces of a shape, which is inside of all of them, and points of it."""
+    """The faces of a shape in double precision, which is inside of all of them, and points of it."""
 
-    faces: tuple[Face, ...]
+    faces: Faces
     points: np.ndarray
 
     def holds(self, other: "Surface") -> np.ndarray:
         """Which points of another one are inside."""
-        return np.all([face.value(other.points) < 0 for face in self.faces], axis=0)
+        return np.asarray(is_inside(other.points, self.faces))
 
 
 class SurfaceMedia(NamedTuple):
@@ -127,13 +113,10 @@ def _exits(shapes: Shapes, d: Vectors) -> tuple[Vectors, Vectors]:
 
 
 def _surfaces(shapes: Shapes, points: np.ndarray) -> tuple[Surface, ...]:
-    axis = np.zeros_like(shapes.position) if shapes.axis is None else shapes.axis
-    columns = [np.asarray(x, np.float64).T for x in (shapes.position, shapes.normal, axis)]
-    numbers = [np.asarray(x, np.float64).tolist() for x in (shapes.curvature, shapes.radius)]
-    faces = [Face(*face) for face in zip(*columns, *numbers, strict=True)]
-    ends = (*shapes.starts, len(faces))[1:]
+    shapes, points = jax.tree.map(lambda x: np.asarray(x, float), (shapes, points))
+    ends = (*shapes.starts, len(shapes.radius))[1:]
     return tuple(
-        Surface(tuple(faces[start:end]), np.asarray(points[:, :, k], np.float64))
+        Surface([face(shapes, place) for place in range(start, end)], points[:, :, k])
         for k, (start, end) in enumerate(zip(shapes.starts, ends, strict=True))
     )
 

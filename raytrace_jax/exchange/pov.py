@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.linalg import norm
 
+from ..tracer.geometry.shapes import Shapes
 from .described import Described, Shape, Texture, touch, unit
-from .media import Face
 
 Files = dict[str, np.ndarray]
 
@@ -131,15 +131,15 @@ def _joined(kind: str, parts: Iterable[str]) -> str:
     return " ".join([f"{kind} {{", *(f"{part} }}" for part in (first, *more))]) if more else first
 
 
-def _face(face: Face, reach: float) -> str:
+def _face(face: Shapes, reach: float) -> str:
     """What is inside of a face, without the closing brace."""
     if not face.curvature:
         return f"plane {{ {pov_vector(face.normal)}, {float(face.normal @ face.position)!r}"
-    if np.any(face.axis):
+    if face.axis is not None and np.any(face.axis):
         ends = ", ".join(pov_vector(face.position + s * reach * face.axis) for s in (-1, 1))
-        return f"cylinder {{ {ends}, {face.radius!r}"
+        return f"cylinder {{ {ends}, {float(face.radius)!r}"
     center, radius = face.position - face.normal / face.curvature, face.radius or 1 / face.curvature
-    return f"sphere {{ {pov_vector(center)}, {radius!r}"
+    return f"sphere {{ {pov_vector(center)}, {float(radius)!r}"
 
 
 def _material(shape: Shape, stem: str, files: Files, halves: np.ndarray) -> str:
