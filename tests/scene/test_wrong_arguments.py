@@ -41,13 +41,14 @@ OFTEN += ["fresnel_amplitudes", "fresnel_dielectric", "fresnel_schlick"]
 
 
 def test_every_formula_is_checked():
-    assert len(SCALAR) == 12 and set(OFTEN) < set(SCALAR)
+    assert len(SCALAR) == 15 and set(OFTEN) < set(SCALAR)
 
 
 @pytest.mark.parametrize("name", SCALAR)
 @pytest.mark.parametrize("value", ["a", None, 1j, object(), [[1.0], [1.0, 2.0]]])
 def test_what_is_no_real_number(name, value):
-    rest = {"prism_deviation": 2, "slab_shift": 2}.get(name, int(name in OFTEN))
+    more = {"prism_deviation": 2, "slab_shift": 2, "lensmaker_focal_length": 2, "prism_index": 1}
+    rest = (more | {"prism_least_deviation": 1}).get(name, int(name in OFTEN))
     with pytest.raises(SettingsError, match=r"^\w+ is (no array of numbers|an array of the dtype)"):
         getattr(optics, name)(value, *[0.5] * rest)
 

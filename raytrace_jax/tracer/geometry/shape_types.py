@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Int
 
 from ...scene.parameters import shape_blocks
 from ...scene.scene import Scene
-from ...scene.slabs import surface_owners, with_planes
+from ...scene.slabs import surface_owners
 from ...util.numerics import dot, select, unstacked, with_lower_ranks
 from ..settings import ResolvedSettings
 from . import bodies
@@ -123,7 +123,9 @@ def per_face(scene: Scene, of_shapes: Sequence[T]) -> list[T]:
 
 def face_owners(scene: Scene) -> list[tuple[str, int]]:
     """Of each face that rays meet the name of its surface, and the place of its shape in the file."""
-    return per_face(with_planes(scene), list(surface_owners(scene).items()))
+    # Without arrays: those of a batch of scenes have another axis.
+    counts = {name: kind.face_count for group, kind in SHAPE_TYPES.items() for name in getattr(scene, group).names}
+    return [(name, place) for name, place in surface_owners(scene).items() for _ in range(counts.get(name, 1))]
 
 
 def face_materials(scene: Scene) -> list[int]:
