@@ -50,7 +50,7 @@ def with_lower_ranks(function: F) -> F:
     return wrapped  # pyright: ignore[reportReturnType]
 
 
-def dot(a: Vectors, b: Float[Array, "3 *#rays"]) -> Scalars:
+def dot(a: Float[Array, "3 *#rays"], b: Float[Array, "3 *#rays"]) -> Float[Array, " *#rays"]:
     """Inner product of vectors whose components lie on the first axis."""
     return jnp.sum(a * b, 0)
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ...scene.scene import Planes
 from ...util.numerics import away_from_zero, direction, dot, dot_fixed, normalize, vectors_to
 from . import shapes
-from .rays import Axes, Flags, Integers, Number, Pairs, Rays, Scalars, Vector, Vectors
+from .rays import Axes, Flags, Index, Number, Pairs, Rays, Scalars, Vector, Vectors
 from .shapes import Approach, CuttingPlane, Edge, Faces, Hit, Section, Shapes, ShapeType
 
 LEVEL = 1e-6  # A plane whose normal leans less than this from the y axis is level: its texture lies along x.
@@ -23,14 +23,14 @@ def coefficients(planes: Planes) -> dict[str, Array]:
     return {"position": planes.point, "normal": normal, "curvature": zeros, "radius": zeros, "size": zeros + jnp.inf}
 
 
-def flat_hit(rays: Rays, shape: Shapes, index: Integers | int, least: Number) -> tuple[Scalars, Flags]:
+def flat_hit(rays: Rays, shape: Shapes, index: Index, least: Number) -> tuple[Scalars, Flags]:
     cos = dot_fixed(shape.normal, rays.d)
     height = dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o)
     t = height / away_from_zero(cos, shapes.LEAST_COS)
     return t, (jnp.abs(cos) >= shapes.LEAST_COS) & (t > 0) & (t > least) & (rays.origin_shape != index)
 
 
-def hit(rays: Rays, faces: Faces, index: Integers | int, least: Number) -> Hit:
+def hit(rays: Rays, faces: Faces, index: Index, least: Number) -> Hit:
     t, hits = flat_hit(rays, faces[0], index, least)
     if faces[0].settings.rules.planes_end_at_image_plane:
         hits = hits & (rays.o[2] + t * rays.d[2] <= 0)
@@ -51,7 +51,7 @@ def edges(rays: Rays, shape: Shapes, outside: Flags, t: Scalars, near: Approach)
 
 
 def see_flat(
-    edges: Callable, rays: Rays, faces: Faces, index: Integers | int, may_pass: Flags, least: Number
+    edges: Callable, rays: Rays, faces: Faces, index: Index, may_pass: Flags, least: Number
 ) -> shapes.Sighting:
     """The meeting of each footprint with one flat shape that has these edges.
 

@@ -30,6 +30,9 @@ NodeVectors = Float[Array, "3 *nodes rays"]
 Step = Float[np.ndarray, "2"]
 """How far it is from one pixel of a picture to the next: to the right in `u`, and down in `v`."""
 
+Index = int | Int[Array, ""]
+"""The index of one shape, by its first face, or of one face."""
+
 NO_SHAPE = -1
 """The shape index of a ray that starts in free space, and of one that hits nothing."""
 

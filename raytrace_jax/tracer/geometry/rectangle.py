@@ -11,7 +11,7 @@ from ...scene.scene import Rectangles
 from ...util.numerics import direction, dot, normalize
 from . import shapes
 from .plane import distance, flat_clearance, flat_hit, flat_section, see_flat
-from .rays import Axes, Flags, Integers, Number, Pairs, Rays, Scalars, Vectors
+from .rays import Axes, Flags, Index, Number, Pairs, Rays, Scalars, Vectors
 from .shapes import Approach, CuttingPlane, Edge, Faces, Hit, Section, Shapes, ShapeType
 
 
@@ -41,7 +41,7 @@ def within_borders(p: Vectors, shape: Shapes) -> list[Scalars]:
     ]
 
 
-def hit(rays: Rays, faces: Faces, index: Integers | int, least: Number) -> Hit:
+def hit(rays: Rays, faces: Faces, index: Index, least: Number) -> Hit:
     (shape,) = faces
     t, hits = flat_hit(rays, shape, index, least)
     along_right, along_up = within_borders(rays.o + jnp.where(hits, t, 0) * rays.d, shape)

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool
 
 from ...scene.parameters import shape_blocks
 from ...scene.scene import Scene
@@ -16,7 +16,7 @@ from ...util.numerics import dot, select, unstacked, with_lower_ranks
 from ..settings import ResolvedSettings
 from . import bodies
 from .plane import PLANE
-from .rays import UNROLL
+from .rays import UNROLL, Index
 from .rectangle import RECTANGLE
 from .shapes import Faces, Shapes, ShapeType
 
@@ -35,7 +35,6 @@ SHAPE_TYPES: dict[str, ShapeType] = {
 
 T = TypeVar("T")
 Answer = TypeVar("Answer")
-Index = int | Int[Array, ""]
 
 
 def fold_shapes(

@@ -29,7 +29,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...util.numerics import TINY_32, away_from_zero, dot, is_zero, with_lower_ranks
 from ..settings import ResolvedSettings
-from .rays import Axes, Flags, Integers, Pairs, Rays, Scalars, Vectors
+from .rays import Axes, Flags, Index, Integers, Pairs, Rays, Scalars, Vectors
 
 LEAST_COS = 1e-6
 """A flat shape is not hit by a ray whose direction is closer than this to parallel (course model, 1.2)."""
@@ -201,7 +201,7 @@ def is_within(edge: Edge) -> Flags:
 Faces = Sequence[Shapes]
 """The faces of one shape."""
 
-Hit = tuple[Scalars, Flags, Integers | int]
+Hit = tuple[Scalars, Flags, Integers | Index]
 """The distance at which each ray may meet a shape, whether it does, and the index of the face that it meets."""
 
 

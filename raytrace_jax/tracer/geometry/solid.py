@@ -26,7 +26,7 @@ from jaxtyping import Array
 from ...util.compilation import jit
 from ...util.numerics import TINY_32, away_from_zero, dot, safe_normalize, safe_sqrt, select, vectors_to
 from . import shapes
-from .rays import Flags, Integers, Number, Rays, Scalars, Vector, Vectors
+from .rays import Flags, Index, Integers, Number, Rays, Scalars, Vector, Vectors
 from .shapes import Approach, CuttingPlane, Edge, Faces, Hit, Section, Shapes, ShapeType, across, surface_normal
 
 T = TypeVar("T")
@@ -102,7 +102,7 @@ class Passage(NamedTuple):
     within: Flags  # It meets the solid from inside, if at all.
 
 
-def passage(kinds: Sequence[Kind], rays: Rays, faces: Faces, index: Integers | int, least: Number) -> Passage:
+def passage(kinds: Sequence[Kind], rays: Rays, faces: Faces, index: Index, least: Number) -> Passage:
     """The ways of rays through one solid, whose first face has that index."""
     chords = [chord(rays.o, rays.d, face, kind) for face, kind in zip(faces, kinds, strict=True)]
     own = belongs(rays.origin_shape, index, len(faces))
@@ -127,7 +127,7 @@ def passed_face(face: Any) -> Any:
     return -2 - face
 
 
-def belongs(face: Integers, index: Integers | int, count: int) -> Flags:
+def belongs(face: Integers, index: Index, count: int) -> Flags:
     """Whether faces are among those of a shape: of so many from an index on."""
     return face == index if count == 1 else (face >= index) & (face < index + count)
 
@@ -143,7 +143,7 @@ def largest(values: list[Scalars], without: Integers | int = -1) -> tuple[Scalar
     return best, place
 
 
-def hit(kinds: Sequence[Kind], rays: Rays, faces: Faces, index: Integers | int, least: Number) -> Hit:
+def hit(kinds: Sequence[Kind], rays: Rays, faces: Faces, index: Index, least: Number) -> Hit:
     way = passage(kinds, rays, faces, index, least)
     t, hits = meeting(way, rays, faces, least)
     return t, hits, index + face_met(way)
@@ -169,7 +169,7 @@ def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
 
 
 def see(
-    kinds: Sequence[Kind], rays: Rays, faces: Faces, index: Integers | int, may_pass: Flags, least: Number
+    kinds: Sequence[Kind], rays: Rays, faces: Faces, index: Index, may_pass: Flags, least: Number
 ) -> shapes.Sighting:
     """The meeting of each footprint with one solid. Where its centre just misses the rim, a part of it still may."""
     way = passage(kinds, rays, faces, index, least)
