@@ -36,7 +36,7 @@ class Surface(NamedTuple):
 
     def holds(self, other: "Surface") -> np.ndarray:
         """Which points of another one are inside."""
-        return np.asarray(is_inside(jnp.asarray(other.points), self.faces))
+        return np.asarray(is_inside(*jax.tree.map(jnp.asarray, (other.points, self.faces))))
 
 
 class SurfaceMedia(NamedTuple):
