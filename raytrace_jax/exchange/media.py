@@ -105,7 +105,8 @@ def _exits(shapes: Shapes, d: Vectors) -> tuple[Vectors, Vectors]:
     inwards = 0.3 * jnp.where(jnp.isfinite(shapes.size), shapes.size, 0) * shapes.normal
     middle = jax.ops.segment_sum((shapes.position - inwards).T, owners, count).T / jnp.asarray(counts, d.dtype)
     each = jax.tree.map(lambda column: column[..., None, :], shapes)
-    far = chord(*jnp.broadcast_arrays(middle[:, None, owners], d), each, "any").far
+    o, lines = jnp.broadcast_arrays(middle[:, None, owners], d)
+    far = chord(o, lines, each, "any").far
     t = jax.ops.segment_min(far.T, owners, count).T
     points = middle[:, None] + t * d
     last = jax.ops.segment_max(jnp.where(far == t[:, owners], np.arange(faces), -1).T, owners, count).T
