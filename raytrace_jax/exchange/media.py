@@ -15,7 +15,7 @@ from ..tracer.geometry.intersection import SurfaceInteraction
 from ..tracer.geometry.rays import NO_SHAPE, Integers, Vectors
 from ..tracer.geometry.shape_types import face
 from ..tracer.geometry.shapes import Faces, Shapes, surface_normal
-from ..tracer.geometry.solid import chord, is_inside
+from ..tracer.geometry.solid import chord, inwards, is_inside
 from ..tracer.settings import ResolvedSettings
 from ..tracer.shading.physical import innermost, media_at
 from ..tracer.world import World, prepare_world
@@ -101,9 +101,7 @@ def _exits(shapes: Shapes, d: Vectors) -> tuple[Vectors, Vectors]:
     count, faces = len(shapes.types), len(shapes.radius)
     counts = np.diff([*shapes.starts, faces])
     owners = np.repeat(np.arange(count), counts)
-    # From each flat face inwards by a little.
-    inwards = 0.3 * jnp.where(jnp.isfinite(shapes.size), shapes.size, 0) * shapes.normal
-    middle = jax.ops.segment_sum((shapes.position - inwards).T, owners, count).T / jnp.asarray(counts, d.dtype)
+    middle = jax.ops.segment_sum(inwards(shapes).T, owners, count).T / jnp.asarray(counts, d.dtype)
     each = jax.tree.map(lambda column: column[..., None, :], shapes)
     o, lines = jnp.broadcast_arrays(middle[:, None, owners], d)
     far = chord(o, lines, each, "any").far

@@ -61,12 +61,13 @@ def _with_holes(scene: Described) -> dict[str, list[Shape]]:
     for hole in solids:
         assert hole.surface is not None
         around = [one for one in solids if one is not hole and one.surface and np.all(one.surface.holds(hole.surface))]
-        is_vacuum, hosts = (
-            [one.material.ior == 1 and not np.any(one.material.absorption) for one in some] for some in ([hole], around)
-        )
-        if is_vacuum == [True] and hosts == [False]:
+        if len(around) == 1 and _is_vacuum(hole) and not _is_vacuum(around[0]):
             found[around[0].name].append(found.pop(hole.name)[0])
     return found
+
+
+def _is_vacuum(shape: Shape) -> bool:
+    return shape.material.ior == 1 and not np.any(shape.material.absorption)
 
 
 def _lost(scene: Described, shapes: Collection[str]) -> list[str]:

@@ -19,10 +19,6 @@ from .schema import PICTURE_MIDDLE, RGB, XY, XYZ, Blocks, Limit, Quantity, Singl
 UNIT_INTERVAL = between(0, 1)
 POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
 NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
-FIRST_BULGES = Limit(NOT_NEGATIVE.holds, "0 or greater (1 over the radius: no face of a lens is hollow)")
-LAST_BULGES = Limit(
-    lambda values: bool(np.all(values <= 0)), "0 or less (minus 1 over the radius: no face of a lens is hollow)"
-)
 NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other than 0 0 0")
 
 Number = Float[Array, ""]
@@ -46,7 +42,6 @@ PIXELS = Quantity("pixel", scale="vector")
 """A point of the picture."""
 
 PER_LENGTH = AMOUNT._replace(dimension=-1)
-CURVATURE = Quantity("unit of 1 / world unit", dimension=-1, ranges=ABOVE_ZERO)
 LENGTH = Quantity("world unit", dimension=1, ranges=ABOVE_ZERO)
 VECTOR = Quantity("world unit", dimension=1, scale="vector")
 """A point, or the way from one point to another."""
@@ -299,6 +294,14 @@ def _half() -> Any:
     return _direction(quantity=VECTOR)
 
 
+def _bend(sign: int) -> Any:
+    """The curvature of a face of a lens, which bulges: `sign` is which way."""
+    words = "0 or greater (1 over" if sign > 0 else "0 or less (minus 1 over"
+    limit = Limit(lambda values: bool(np.all(sign * values >= 0)), f"{words} the radius: no face of a lens is hollow)")
+    ranges = ABOVE_ZERO if sign > 0 else ((-math.inf, 0.0),)
+    return attribute(limit=limit, quantity=Quantity("unit of 1 / world unit", dimension=-1, ranges=ranges))
+
+
 class Spheres(Shapes):
     """Spheres with outward normals."""
 
@@ -368,8 +371,8 @@ class Lenses(Shapes):
 
     center: Vectors = _place("diameter", "thickness")
     axis: Vectors = _direction()
-    curvature1: Numbers = attribute(limit=FIRST_BULGES, quantity=CURVATURE)
-    curvature2: Numbers = attribute(limit=LAST_BULGES, quantity=CURVATURE._replace(ranges=((-math.inf, 0.0),)))
+    curvature1: Numbers = _bend(1)
+    curvature2: Numbers = _bend(-1)
     thickness: Numbers = _length()
     diameter: Numbers = _length()
 

@@ -104,6 +104,26 @@ def test_rays_meet_a_solid_where_its_inside_begins_and_ends(name, seed):
             assert np.all((np.asarray(is_inside(middle, faces)) | (np.asarray(again.t) < 1e-6))[both])
 
 
+@pytest.mark.parametrize("edges", ["point", "aware"])
+def test_a_loop_over_solids_makes_the_same_picture(edges, monkeypatch):
+    """As it does where shapes are many; of each type there are two, and one lies in another."""
+    text = (
+        HEAD.replace("40 30", "12 9")
+        + "material glass { transmission 1 ior 1.5 }\nmaterial air { transmission 1 ior 1 }\n"
+    )
+    for k, name in enumerate(("box", "cylinder", "half ball")):
+        keyword, numbers = KEYWORDS.get(name, name), BODIES[name]
+        text += f"{keyword} large{k} {{ material glass {numbers} }}\n"
+    text += "cylinder hole { material air center 0.05 0.1 0.3 axis 0.02 0.06 -.05 radius .07 }\n"
+    how = RenderSettings(edges=edges, max_bounces=4)
+    straight = np.asarray(render(parse_scene(text), how).image)
+    for unroll in ("tracer.geometry.shape_types.UNROLL", "tracer.geometry.rays.UNROLL"):
+        monkeypatch.setattr(f"raytrace_jax.{unroll}", 0)
+    # Another name is another scene, whose program is traced anew.
+    looped = np.asarray(render(parse_scene(text.replace("hole", "bubble")), how).image)
+    np.testing.assert_allclose(looped, straight, atol=1e-9)
+
+
 @pytest.mark.parametrize("name", VOLUMES)
 def test_its_size_is_that_of_a_ball_of_its_volume(name):
     size = float(scene_shapes(scene_of(name), SETTINGS).size[0])

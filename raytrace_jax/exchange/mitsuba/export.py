@@ -172,14 +172,8 @@ class MitsubaWriter:
 
 def _lost(scene: Described) -> list[str]:
     """What Mitsuba does otherwise."""
-    lost, glass = (
-        [
-            f"{shape.name}: {shape.keyword} has no form in Mitsuba; it is left out"
-            for shape in scene.shapes
-            if _is_formless(shape)
-        ],
-        scene.glass(),
-    )
+    glass, formless = scene.glass(), filter(_is_formless, scene.shapes)
+    lost = [f"{shape.name}: {shape.keyword} has no form in Mitsuba; it is left out" for shape in formless]
     for material in scene.materials():
         if not material.is_glass and np.any(material.diffuse) and material.reflectivity:
             lost.append(f"{material.name}: a matt surface that is a mirror as well; its reflectivity is left out")

@@ -171,8 +171,8 @@ def draw_lens() -> Figure:
     """Parallel rays through a lens with its focus; lengths are in radii of the rim."""
     figure, (ax,) = make_figure("A lens, and the lensmaker's equation", 1, 1, (12, 5.6))
     bend, thickness = 0.36, 0.8
-    lens = build.lens("lens", material="glass", center=(0, 0, 0), axis=(1, 0, 0), curvature1=bend, curvature2=-bend,
-                      thickness=thickness, diameter=2)  # fmt: skip
+    form = {"curvature1": bend, "curvature2": -bend, "thickness": thickness, "diameter": 2}
+    lens = build.lens("lens", material="glass", center=(0, 0, 0), axis=(1, 0, 0), **form)
     y = np.linspace(-1, 1, 101)
     sag = bend * y**2 / (1 + np.sqrt(1 - (bend * y) ** 2)) - thickness / 2
     outline = np.concatenate([[sag, y], [-sag, -y]], axis=1).T

@@ -82,11 +82,11 @@ def lens(lenses: Lenses) -> Face:
     return body(jnp.maximum(volume, 0), *faces)
 
 
-FACE: Kind = "flat"
+FLAT: Kind = "flat"
 SPHERE = solid(ball, "ball")
-CUT_SPHERE = solid(half_ball, "ball", "flat")
-BOX = solid(box, *6 * (FACE,))
-PRISM = solid(prism, *5 * (FACE,))
-CYLINDER = solid(cylinder, "cylinder", "flat", "flat")
-CUT_CYLINDER = solid(half_cylinder, "cylinder", "flat", "flat", "flat")
+CUT_SPHERE = solid(half_ball, "ball", FLAT)
+BOX = solid(box, *6 * (FLAT,))
+PRISM = solid(prism, *5 * (FLAT,))
+CYLINDER = solid(cylinder, "cylinder", FLAT, FLAT)
+CUT_CYLINDER = solid(half_cylinder, "cylinder", FLAT, FLAT, FLAT)
 LENS = solid(lens, "cylinder", "cap", "cap")

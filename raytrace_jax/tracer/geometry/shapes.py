@@ -49,7 +49,7 @@ class Shapes(eqx.Module):
     types: tuple[str, ...] = eqx.field(static=True)  # Of all shapes of the scene, in the order of the file.
     starts: tuple[int, ...] = eqx.field(static=True)  # The place of each shape's first face.
     settings: ResolvedSettings = eqx.field(static=True)  # How the picture is traced.
-    type: Int[Array, " *shapes"]  # The place of the type in `shape_types.SHAPE_TYPES`.
+    type: Int[Array, " *shapes"]  # The number of its type, as `shape_types.present_types` has them.
     position: Float[Array, "3 *shapes"]
     normal: Float[Array, "3 *shapes"]
     curvature: Float[Array, " *shapes"]
@@ -210,7 +210,7 @@ class Sighting(NamedTuple):
 
     t: Scalars  # Distance to where it is met first, in world units.
     seen: Flags  # Any part of the footprint that matters meets it.
-    outside: Flags  # It is a curved shape that is seen from outside of it.
+    outside: Flags  # It is a solid that is seen from outside of it.
     centered: Flags  # The footprint's centre meets it, not only a part beyond its edge.
     # The places in the shape of the face that is met and of those in which it ends, -1 for none: at a crease the shape
     # goes on, on its outline it does not.

@@ -5,11 +5,10 @@ far, if that comes later: one pass over the faces tells where a ray enters and l
 outside is the face of the largest near, seen from inside that of the smallest far. A ray that starts on a solid knows
 it: within it ends at the smallest far, outside it never meets the solid again.
 
-Where a point of a face is on the border of another one the face ends. F of the other face, at the point where a ray
-meets the face, is therefore the event function of that edge. The edge is a *crease* to the face of the second largest
-near (from inside: of the second smallest far), past which the ray goes on to that face; or the *outline* of the solid,
-to the face of the smallest far. A curved face has an outline of its own, where rays graze it: the F of the ray's point
-that is deepest inside of it is 0.
+A face ends where it meets another one. There F of either face is 0 at the point where a ray meets the other one: an
+event function of that edge. The edge is a *crease* to the face of the second largest near (from inside: of the second
+smallest far), past which the ray goes on to that face; or the *outline* of the solid, to the face of the smallest far.
+A curved face has an outline of its own, where rays graze it: F of the ray's point that is deepest inside of it is 0.
 """
 
 import dataclasses
@@ -292,6 +291,11 @@ def clearance(kinds: Sequence[Kind], o: Vectors, light: Vector, faces: Faces, un
     return jnp.where(light_inside, within, outside)
 
 
+def inwards(face: Shapes) -> Vectors:
+    """A point of each face, of a flat one a little behind it: the mean of all faces of a solid is inside of it."""
+    return face.position - 0.3 * jnp.where(jnp.isfinite(face.size), face.size, 0) * face.normal
+
+
 @functools.partial(jit, static_argnames="kinds")
 def stretch_inside(kinds: Sequence[Kind], faces: Faces, o: Vectors, d: Vectors) -> tuple[Scalars, Scalars]:
     """Where lines through points along directions enter and leave a solid."""
@@ -310,9 +314,7 @@ def section(kinds: Sequence[Kind], faces: Faces, drawing: CuttingPlane, reach: f
         t_in, t_out = stretch_inside(kinds, faces, o, d)
         return np.asarray(t_in), np.asarray(t_out)
 
-    # A point inside: from each flat face inwards by a little.
-    size = float(faces[0].size)
-    middle = np.mean([np.asarray(face.position - 0.3 * size * face.normal, np.float64) for face in faces], axis=0)
+    size, middle = float(faces[0].size), np.mean([np.asarray(inwards(face), np.float64) for face in faces], axis=0)
     # The outline: how far from there a line across the drawing still meets the solid, found by halving.
     low, step = np.zeros(angle.size), 1e3 * size
     for _ in range(32):
@@ -335,7 +337,10 @@ def section(kinds: Sequence[Kind], faces: Faces, drawing: CuttingPlane, reach: f
 
 def solid(coefficients: Callable[[Any], dict[str, Array]], *kinds: Kind) -> ShapeType:
     """The type of a solid that has faces of these kinds."""
-    of: Callable[[Any], Any] = lambda function: functools.partial(function, kinds)  # noqa: E731
+
+    def of(function: Any) -> Any:
+        return functools.partial(function, kinds)
+
     return ShapeType(
-        True, len(kinds), coefficients, of(hit), distance, of(see), edges, of(clearance), of(section), True
+        True, len(kinds), coefficients, of(hit), distance, of(see), edges, of(clearance), of(section), has_inside=True
     )

@@ -16,7 +16,7 @@ function* g of the ray, positive where the nearest surface is present:
     silhouette of a sphere that is seen from outside     (r^2 - (distance of its centre from the ray)^2) / 2r
     occlusion edge, where two surfaces are equally far    t_second - t_nearest (at a sphere's rim a smoother form)
     border of a rectangle                                 distance from it, within the rectangle
-    crease or outline of a body, where its faces end      -F of the other face at the hit point
+    crease or outline of a body, where two faces meet     F of the one that is grazed more, where the other one is hit
     the course's cut of planes at the image plane         -z of the hit point
     the limit of paths, in the course's classic model     longest path - length of the path
 
@@ -165,17 +165,17 @@ def look(
         left = shapes.settings.path_limit - rays.path_length - t
         edges.append(Edge(left, -near.slope, near.fraction))
     edges.append(eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden))
-    # What is past an edge is behind the whole shape, but past a crease it is another face of it.
-    passed = nearest.shape
+    central, passed = coverage.most_central(edges), nearest.shape
     if shapes.axis is not None:
         outline, crease = (
             border_at(rays, surface, shapes, other, nearest.outside, is_outline)
             for other, is_outline in ((nearest.outline, True), (nearest.crease, False))
         )
-        edges.append(outline)
-        is_crease = coverage.most_central([crease])[0] < coverage.most_central(edges)[0]
-        edges, passed = [*edges, crease], jnp.where(is_crease, passed_face(passed), passed)
-    distance, direction, fraction, step = materialize(coverage.most_central(edges), live)
+        # What is past an edge is behind the whole shape, but past a crease it is another face of it.
+        central, fold = coverage.most_central([*edges, outline]), coverage.most_central([crease])
+        is_crease = fold[0] < central[0]
+        central, passed = select(is_crease, (fold, passed_face(passed)), (central, passed))
+    distance, direction, fraction, step = materialize(central, live)
     # Where it does not cut, the centre decides alone. The distance 2 is beyond any footprint's reach: all is near.
     cuts = found & (jnp.abs(distance) < coverage.reach(direction)) & may_pass
     present = found & (cuts | (distance > 0))
