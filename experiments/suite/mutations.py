@@ -48,9 +48,7 @@ MUTATIONS = {
         "tracer/shading/classic.py", "return clamp01(color + self.highlight)", "return color", "classic render"
     ),
     "absorption_sign": Mutation("tracer/shading/physical.py", "jnp.exp(-jnp.where", "jnp.exp(jnp.where", "physical"),
-    "nested_media": Mutation(
-        "tracer/shading/physical.py", "first = (own < size)", "first = (own > size)", "physical"
-    ),
+    "nested_media": Mutation("tracer/shading/physical.py", "first = (own < size)", "first = (own > size)", "physical"),
     "lambert_falloff": Mutation(
         "tracer/shading/physical.py", "cos * (1 / light.squared_distance)", "cos * light.inverse_distance", "physical"
     ),
