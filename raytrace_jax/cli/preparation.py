@@ -14,6 +14,7 @@ from ..scene.parameters import parse_assignment, scalar_names, set_parameters, s
 from ..scene.reader import load_scene, parse_scene
 from ..scene.scene import Scene
 from ..scene.setting_words import ModelName
+from ..tracer.indistinct import indistinct_glass
 from ..tracer.settings import ResolvedSettings, resolve_settings
 from ..util.files import write_failure
 from ..util.text import listed
@@ -60,7 +61,8 @@ def read_picture_scene(
         resolved = resolve_settings(scene, settings)
         for name in scene.cameras if all_cameras else scene.cameras[:1]:
             resolved.window(scene.seen_by(name).camera.pixeldim)
-    for sentence in scene_warnings(scene, resolved.model):
+    indistinct = indistinct_glass(scene) if resolved.model == "physical" else []
+    for sentence in scene_warnings(scene, resolved.model) + indistinct:
         print_warning(sentence)
     return scene, resolved
 

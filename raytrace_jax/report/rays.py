@@ -12,7 +12,7 @@ from ..images import Transfer
 from ..scene.parameters import Block, blocks_of, shape_blocks
 from ..scene.scene import Scene
 from ..scene.slabs import with_planes
-from ..tracer.geometry.shape_types import SHAPE_TYPES, face, scene_shapes
+from ..tracer.geometry.shape_types import SHAPE_TYPES, face, shapes_of_numbers
 from ..tracer.geometry.shapes import CuttingPlane, Section
 from ..tracer.ray_tree import KINDS, RayNode, RayTree
 from ..tracer.settings import RenderSettings, ResolvedSettings, resolve_settings
@@ -46,7 +46,7 @@ def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPla
 
 def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedSettings) -> dict[str, Section]:
     """Each shape as a drawing shows it that reaches so far from the plane's centre, by name in the file's order."""
-    shapes = jax.tree.map(np.asarray, scene_shapes(scene, settings))
+    shapes = jax.tree.map(np.asarray, shapes_of_numbers(scene, settings))
     found = {}
     for name, kind, start in zip(scene.shape_order, shapes.types, shapes.starts, strict=True):
         faces = [face(shapes, start + k) for k in range(SHAPE_TYPES[kind].face_count)]

@@ -2,17 +2,14 @@
 
 import jax
 import numpy as np
-from numpy.linalg import norm
-from scipy.spatial import KDTree
 
 from ..errors import SceneError
 from ..util.numerics import is_traced
 from ..util.text import listed
 from .parameters import attribute_values, material_of, shape_blocks
-from .scene import Scene, least_distance, world_length
+from .scene import Scene
 from .schema import RGB
 from .setting_words import ModelName
-from .slabs import surface_owners, with_planes
 from .structs import NOT_ALL_ZERO, POSITIVE, ImagePlaneCamera
 
 _checked: list[object] = []
@@ -76,12 +73,10 @@ def scene_warnings(scene: Scene, model: ModelName) -> list[str]:
             f"{listed(unlit)} {'is' if len(unlit) == 1 else 'are'} matt and black: only light blocks shine on matt "
             "surfaces, and the scene has none."
         )
-    views = [scene.seen_by(name) for name in scene.cameras]
-    for camera in (view.camera for view in views):
+    for camera in (scene.seen_by(name).camera for name in scene.cameras):
         if isinstance(camera, ImagePlaneCamera) and float(np.asarray(camera.viewpoint)[2]) == 0:
             found.append(f"the camera {camera.name} is in its image plane, z = 0: all of its rays lie in that plane.")
-    unresolved = [sentence for view in views for sentence in _unresolved_glass(view)] if model == "physical" else []
-    return [*found, *dict.fromkeys(unresolved)]
+    return found
 
 
 def _unlit_shapes(scene: Scene) -> list[str]:
@@ -94,43 +89,6 @@ def _unlit_shapes(scene: Scene) -> list[str]:
         name
         for name, values in materials.items()
         if _is_set(values["diffuse"]) and not any(_is_set(values[other]) for other in others)
-    ]
-
-
-def _unresolved_glass(scene: Scene) -> list[str]:
-    """Balls and planes of glass that are nearer to the surface of another one, or to the camera, than rays can tell."""
-    given, scene = scene, with_planes(scene)
-    shapes = [shape for shape in shape_blocks(scene) if shape.type.group in ("spheres", "planes")]
-    glass = {shape.name for shape in shapes if _is_set(material_of(scene, shape).read(scene, "transmission"))}
-    if not glass:
-        return []
-    length = float(world_length(scene))
-    least = float(least_distance(world_length(scene) / 10))
-    eye = np.asarray(scene.camera.viewpoint, np.float64)
-    near = []
-    # Each surface as lengths: of a ball the centre and the radius, of a plane the normal and the height. The last one
-    # keeps the two kinds apart.
-    surfaces = []
-    for shape in shapes:
-        of = {name: np.asarray(value, np.float64) for name, value in shape.read_all(scene).items()}
-        if shape.keyword == "sphere":
-            surfaces.append([*(of["center"] - eye), of["radius"], length])
-            to_camera = norm(of["center"] - eye) - of["radius"]
-        else:
-            normal = of["normal"] / norm(of["normal"])
-            to_camera = normal @ (of["point"] - eye)
-            surfaces.append([*(length * normal), to_camera, 0.0])
-        if shape.name in glass and abs(to_camera) < least:
-            near.append((f"the camera {scene.camera.name}", f"the surface of {shape.name}"))
-    owners, names = surface_owners(given), [shape.name for shape in shapes]
-    for a, b in sorted(KDTree(surfaces).query_pairs(least)):
-        # Two planes of a slab coincide where it has no wall, which is drawn as it is.
-        is_no_wall = surfaces[a] == surfaces[b] and owners[names[a]] == owners[names[b]]
-        if {names[a], names[b]} & glass and not is_no_wall:
-            near.append((f"the surfaces of {names[a]}", names[b]))
-    return [
-        f"{one} and {other} are less than {least:g} units apart, which rays do not tell from none: move one of them."
-        for one, other in near
     ]
 
 

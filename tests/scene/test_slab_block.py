@@ -5,8 +5,8 @@ import pytest
 from command_line import run
 
 import raytrace_jax as rj
-from raytrace_jax.scene.checks import scene_warnings
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.tracer.indistinct import indistinct_glass
 
 HEAD = "camera eye { pixeldim 8 6 viewpoint 0 0 5 lookat 0 0 0 } background sky { radiance 1 1 1 } "
 WATER = "material water { transmission 1 ior 1.333 } "
@@ -53,7 +53,7 @@ def test_a_slab_is_written_as_it_was_read():
 
 @pytest.mark.parametrize(("wall", "count"), [("0.1", 0), ("0", 0), ("1e-7", 2)])
 def test_a_wall_too_thin_is_warned_of(wall, count):
-    found = scene_warnings(parsed(TANK.replace("wall 0.1", f"wall {wall}")), "physical")
+    found = indistinct_glass(parsed(TANK.replace("wall 0.1", f"wall {wall}")))
     assert len(found) == count and all("the surfaces of tank " in sentence for sentence in found)
 
 

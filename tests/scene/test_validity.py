@@ -21,6 +21,7 @@ from raytrace_jax import (
 from raytrace_jax.cli.preparation import read_picture_scene
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.scene.checks import check_values, scene_warnings
+from raytrace_jax.tracer.indistinct import indistinct_glass
 
 SMALL = resolved(size=(4, 3))
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
@@ -162,6 +163,21 @@ def plane(name, material, normal, point="0 0 -3"):
     return f"plane {name} {{ material {material} normal {normal} point {point} }}"
 
 
+def tube(name, radius, axis):
+    return f"cylinder {name} {{ material crown center 4 0 0 axis {axis} radius {radius} }}"
+
+
+def block(name, center="0 4 0", side=1.0, depth=0.5):
+    return f"box {name} {{ material crown center {center} right {side} 0 0 up 0 {side} 0 depth {depth} }}"
+
+
+def lens(name, curvature, thickness=0.9, diameter=2.0):
+    return (
+        f"lens {name} {{ material crown center 0 -4 0 axis 0 0 -1 curvature1 {curvature} curvature2 -0.1 "
+        f"thickness {thickness} diameter {diameter} }}"
+    )
+
+
 @pytest.mark.parametrize(
     ("shapes", "eye", "told"),
     [
@@ -176,11 +192,22 @@ def plane(name, material, normal, point="0 0 -3"):
         ([], 1.000001, "the camera eye and the surface of ball are less than 1e-05 units apart"),
         ([plane("pane", "crown", "0 0 1", "3 0 5")], 5, "the camera eye and the surface of pane are less than 1e-05"),
         ([plane("wall", "mirror", "0 0 1", "3 0 5")], 5, None),
+        ([tube("wall", 0.5, "0 0 0.9"), tube("liquid", 0.4, "0 0 0.9")], 5, "the surfaces of wall and liquid are"),
+        ([tube("wall", 0.5, "0 0 0.9"), tube("liquid", 0.4, "0 0 -0.9")], 5, "the surfaces of wall and liquid are"),
+        ([tube("wall", 0.5, "0 0 0.9"), tube("liquid", 0.5, "0 0 0.8")], 5, "the surfaces of wall and liquid are"),
+        ([tube("wall", 0.5, "0 0 0.9"), tube("liquid", 0.4, "0 0 0.8")], 5, None),
+        ([block("left"), block("right", "2 4 0")], 5, None),  # They stand on one level, and touch.
+        ([block("left"), block("inner", "0 4 0.3", 0.5, 0.1)], 5, None),
+        ([block("left"), block("inner", "0 4 0.3", 0.5, 0.2)], 5, "the surfaces of left and inner are"),
+        ([block("left", "0 0 4.5")], 5, "the camera eye and the surface of left are less than 1e-05 units apart"),
+        ([block("left", "3 0 4.5")], 5, None),  # The camera is in the plane of a face, beside it.
+        ([lens("a", 0.4), lens("b", 0.3, diameter=1.5)], 5, "the surfaces of a and b are"),
+        ([lens("a", 0.4), lens("b", 0.4, 0.7, 1.5)], 5, None),
     ],
 )
 def test_indistinct_glass_is_warned_of(shapes, eye, told):
     text = f"""camera eye {{ pixeldim 8 6 viewpoint 0 0 {eye} lookat 0 0 -5 }} background sky {{ radiance 1 1 1 }}
     material crown {{ transmission 1 ior 1.5 }} material air {{ transmission 1 ior 1 }}
     material mirror {{ reflectivity 1 }} {ball("ball", "crown", 1)} {" ".join(shapes)}"""
-    found = scene_warnings(parse_scene(text, model="physical", dtype=np.float64), "physical")
+    found = indistinct_glass(parse_scene(text, model="physical", dtype=np.float64))
     assert len(found) == bool(told) and all(sentence.startswith(told) for sentence in found)

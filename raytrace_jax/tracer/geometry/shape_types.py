@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool
 from ...scene.parameters import shape_blocks
 from ...scene.scene import Scene
 from ...scene.slabs import surface_owners
+from ...util.compilation import jit
 from ...util.numerics import dot, select, unstacked, with_lower_ranks
 from ..settings import ResolvedSettings
 from . import bodies
@@ -177,3 +178,7 @@ def scene_shapes(scene: Scene, settings: ResolvedSettings) -> Shapes:
     numbers = [family[SHAPE_TYPES[name].edges] for name in per_face(scene, types)]
     starts = tuple(sum(counts[:k]) for k in range(len(counts)))
     return Shapes(types, starts, settings, jnp.asarray(numbers, jnp.int32), **columns)
+
+
+shapes_of_numbers = jit(scene_shapes, static_argnames="settings")
+"""The same as one program, where nothing around it is: by single operations it takes seconds."""
