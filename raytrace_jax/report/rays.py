@@ -139,7 +139,7 @@ def transparent_shapes(scene: Scene) -> set[str]:
 def _draw_shapes(
     ax: Axes, scene: Scene, shown: dict[str, Section], hit: set[str | None], busy: list[np.ndarray]
 ) -> None:
-    """Draw and name all shapes; lines are named where they are farthest from what is `busy`, the hits and names."""
+    """Draw and name all shapes, where there is room beside what is `busy`: the hits, and names."""
     low, high = np.transpose([ax.get_xlim(), ax.get_ylim()])
     materials, glass = blocks_of(scene, "material"), transparent_shapes(scene)
     columns = [shape.read(scene, "material") for shape in shape_blocks(scene)]
@@ -148,21 +148,25 @@ def _draw_shapes(
             ax.add_patch(Polygon(outline, fill=False, edgecolor="0.65", linestyle=":", linewidth=0.8))
         named = cut if len(cut) or not is_area else outline
         inside = named[np.all((named >= low) & (named <= high), axis=1)]
-        if is_area:
-            # The name of a body stands above what the drawing cuts of it, or above its outline if it is hit.
-            if len(cut):
-                face = "#dcecfb" if name in glass else "#e9e9e9"
-                ax.add_patch(Polygon(cut, facecolor=face, edgecolor="0.4", linewidth=1.0, alpha=0.75))
-            if len(inside) and (len(cut) or name in hit):
-                low_end, high_end = inside.min(axis=0), inside.max(axis=0)
-                words = f", n = {_index(scene, materials[material])}" if name in glass else ""
-                _name(ax, drawable(name, 26) + words, np.array([(low_end[0] + high_end[0]) / 2, high_end[1]]))
-        elif len(inside):
+        if is_area and len(cut):
+            face = "#dcecfb" if name in glass else "#e9e9e9"
+            ax.add_patch(Polygon(cut, facecolor=face, edgecolor="0.4", linewidth=1.0, alpha=0.75))
+        elif len(inside) and not is_area:
             ax.plot(inside[:, 0], inside[:, 1], color="0.4", linewidth=1.6, solid_capstyle="butt", zorder=1.5)
-            points = inside[(np.linspace(0.1, 0.85, 16) * len(inside)).astype(int)]
-            point = max(points, key=lambda point: min(np.linalg.norm(point - other) for other in busy))
-            busy.append(point)
-            _name(ax, drawable(name, 26), point, rises=bool(np.prod(inside[-1] - inside[0]) > 0))
+        if not len(inside) or (is_area and not len(cut) and name not in hit):
+            continue
+        points, room, words = inside[(np.linspace(0.1, 0.85, 16) * len(inside)).astype(int)], np.inf, ""
+        rises = np.prod(inside[-1] - inside[0]) > 0
+        if is_area:
+            # The name of a body stands above what the drawing cuts of it, or above its outline; beside hits, lower.
+            low_end, high_end = inside.min(axis=0), inside.max(axis=0)
+            top = (low_end + high_end) / 2 * [1, 0] + high_end * [0, 1]
+            points = np.array([top, *points[points[:, 1] > (low_end[1] + high_end[1]) / 2]])
+            room = 0.04 * np.max(high - low)
+            words = f", n = {_index(scene, materials[material])}" if name in glass else ""
+        point = max(points, key=lambda point: min(room, *(np.linalg.norm(point - other) for other in busy)))
+        busy.append(point)
+        _name(ax, drawable(name, 26) + words, point, bool(point[0] < points[0, 0] if is_area else rises))
 
 
 def _name(ax: Axes, name: str, place: np.ndarray, rises: bool = False) -> None:
