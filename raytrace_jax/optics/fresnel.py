@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from ..util.numerics import safe_sqrt
+from ..util.numerics import mean_sqrt, safe_sqrt
 from .angles import cosine, index, of_rays
 
 
@@ -45,12 +45,14 @@ def fresnel_amplitudes(
 
 
 def _amplitudes(
-    c: Float[Array, "*#rays"], eta: Float[Array, "*#rays"]
+    c: Float[Array, "*#rays"], eta: Float[Array, "*#rays"], spread: Float[Array, "*#rays"] | None = None
 ) -> tuple[Float[Array, "*rays"], Float[Array, "*rays"]]:
-    """`fresnel_amplitudes` of arguments that are right."""
+    """`fresnel_amplitudes` of arguments that are right; `spread` as `refract` has it."""
     radicand = 1 - (1 - c * c) / (eta * eta)
-    total = radicand <= 0
-    t = safe_sqrt(radicand)
+    t, total = safe_sqrt(radicand), radicand <= 0
+    if spread is not None:
+        t = mean_sqrt(radicand, spread / (eta * eta))
+        total = t <= 0
     # At grazing incidence on what is not denser all of c and t is zero: the divisors are guarded, not the quotients.
     parallel, perpendicular = (jnp.where(total, 1, divisor) for divisor in (eta * c + t, c + eta * t))
     return jnp.where(total, 1, (eta * c - t) / parallel), jnp.where(total, 1, (c - eta * t) / perpendicular)
@@ -80,9 +82,11 @@ def fresnel_dielectric(
     return reflected_share(cosine(cos_theta_i, "cos_theta_i"), index(eta))
 
 
-def reflected_share(c: Float[Array, "*#rays"], eta: Float[Array, "*#rays"]) -> Float[Array, "*rays"]:
-    """`fresnel_dielectric` of arguments that are right."""
-    parallel, perpendicular = _amplitudes(c, eta)
+def reflected_share(
+    c: Float[Array, "*#rays"], eta: Float[Array, "*#rays"], spread: Float[Array, "*#rays"] | None = None
+) -> Float[Array, "*rays"]:
+    """`fresnel_dielectric` of arguments that are right; by the mean cosine behind the surface if `c^2` has a spread."""
+    parallel, perpendicular = _amplitudes(c, eta, spread)
     return (parallel * parallel + perpendicular * perpendicular) / 2
 
 

@@ -75,9 +75,9 @@ def area_level(world: World, rays: Rays, live: Flags, number: Integers) -> Level
     # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
     settings = world.settings
     has_levels = settings.levels - number > settings.max_bounces - rays.footprint.depth
-    si, near, seen, passes, past = look(world.shapes, rays, live, has_levels, world.unit)
+    si, near, seen, passes, past, corner = look(world.shapes, rays, live, has_levels, world.unit)
     surface, children, spread = scatter_areas(world, near, si, seen)
-    subdivided, second = footprints.wants_subdivision(rays, spread, has_levels & live, settings.samples)
+    subdivided, second = footprints.wants_subdivision(rays, spread, has_levels & live, settings.samples, corner)
 
     children = [*children, (passes, past)]
     children = [

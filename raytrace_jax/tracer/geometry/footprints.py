@@ -106,12 +106,16 @@ def spread_squared(d_axes: Axes) -> Pairs:
     return jnp.minimum(jnp.sum(d_axes * d_axes, 1), 3.0**2)
 
 
-def wants_subdivision(rays: Rays, spread: Pairs, may_split: Flags, samples: int) -> tuple[Flags, Flags]:
-    """The rays that are better subdivided, and those along the footprint's second axis; `spread` is weighted."""
+def wants_subdivision(rays: Rays, spread: Pairs, may_split: Flags, samples: int, corner: Flags) -> tuple[Flags, Flags]:
+    """The rays that are better subdivided, and those along the footprint's second axis; `spread` is weighted.
+
+    Those at a `corner` of a body are, along one axis after the other.
+    """
     # The axis along which the linear footprint is worst is cut. The error falls with the square of its length.
     second = spread[1] > spread[0]
     worst = jnp.where(second, spread[1], spread[0])
-    wanted = (worst > LEAST_SPREAD / samples) & may_split & (rays.footprint.subdivisions < SUBDIVISIONS)
+    second = jnp.where(corner, rays.footprint.subdivisions % 2 == 1, second)
+    wanted = (corner | (worst > LEAST_SPREAD / samples)) & may_split & (rays.footprint.subdivisions < SUBDIVISIONS)
     return wanted, second
 
 

@@ -213,7 +213,7 @@ class Sighting(NamedTuple):
     outside: Flags  # It is a solid that is seen from outside of it.
     centered: Flags  # The footprint's centre meets it, not only a part beyond its edge.
     # The places in the shape of the face that is met and of those in which it ends, -1 for none: at a crease the shape
-    # goes on, on its outline it does not.
+    # goes on, on its outline it does not. From inside there is no outline; in its place stands a second crease.
     face: Integers | int = 0
     crease: Integers | int = -1
     outline: Integers | int = -1

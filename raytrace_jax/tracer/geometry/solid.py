@@ -6,9 +6,10 @@ outside is the face of the largest near, seen from inside that of the smallest f
 it: within it ends at the smallest far, outside it never meets the solid again.
 
 A face ends where it meets another one. There F of either face is 0 at the point where a ray meets the other one: an
-event function of that edge. The edge is a *crease* to the face of the second largest near (from inside: of the second
-smallest far), past which the ray goes on to that face; or the *outline* of the solid, to the face of the smallest far.
-A curved face has an outline of its own, where rays graze it: F of the ray's point that is deepest inside of it is 0.
+event function of that edge. The edge is a *crease* to the face of the second largest near, past which the ray goes on to
+that face; or the *outline* of the solid, to the face of the smallest far. From inside there are creases to the faces of
+the second and of the third smallest far. Where both edges cut a footprint it is at a corner, and is subdivided. A curved
+face has an outline of its own, where rays graze it: F of the ray's point that is deepest inside of it is 0.
 """
 
 import dataclasses
@@ -131,13 +132,13 @@ def belongs(face: Integers, index: Index, count: int) -> Flags:
     return face == index if count == 1 else (face >= index) & (face < index + count)
 
 
-def largest(values: list[Scalars], without: Integers | int = -1) -> tuple[Scalars, Integers | int]:
-    """The largest of values and its place, ray by ray; the value of one place does not count."""
+def largest(values: list[Scalars], *without: Integers | int) -> tuple[Scalars, Integers | int]:
+    """The largest of values and its place, ray by ray; the values of some places do not count."""
     if len(values) == 1:
         return values[0], 0
     best, place = jnp.full_like(values[0], -jnp.inf), jnp.full(values[0].shape, -1, jnp.int32)
     for k, value in enumerate(values):
-        more = (value > best) & (without != k)
+        more = functools.reduce(operator.and_, (place != k for place in without), value > best)
         best, place = jnp.where(more, value, best), jnp.where(more, k, place)
     return best, place
 
@@ -177,7 +178,7 @@ def see(
     nears, fars = [each.near for each in way.chords], [-each.far for each in way.chords]
     if len(faces) > 1:
         crease = jnp.where(outside, largest(nears, way.first)[1], largest(fars, way.last)[1])
-        outline = jnp.where(outside, largest(fars, way.first)[1], -1)
+        outline = jnp.where(outside, largest(fars, way.first)[1], largest(fars, way.last, crease)[1])
 
     # What the centre misses is beyond an edge of the face that comes last.
     face = chosen(faces, way.first)
@@ -222,14 +223,14 @@ def edges(rays: Rays, shape: Shapes, outside: Flags, t: Scalars, near: Approach)
     return (silhouette(rays, shape, passing, outside & curved),)
 
 
-def border(rays: Rays, own: Shapes, t: Scalars, outside: Flags | bool, other: Shapes, is_outline: bool) -> Edge:
+def border(rays: Rays, own: Shapes, t: Scalars, outside: Flags | bool, other: Shapes, is_outline: Flags | bool) -> Edge:
     """The edge in which the faces that rays meet at t end on other faces of the same solids, one of each a ray.
 
     Of the two faces the one that rays graze more is taken as a function, at the point where they meet the other one:
     there it is linear.
     """
     fixed_rays, fixed_own, fixed_other, fixed_t = jax.lax.stop_gradient((rays, own, other, t))
-    o, d, enters = fixed_rays.o, fixed_rays.d, jnp.asarray(outside) & (not is_outline)
+    o, d, enters = fixed_rays.o, fixed_rays.d, jnp.asarray(outside) & ~jnp.asarray(is_outline)
     passing = chord(o, d, fixed_other)
     t_other = jnp.where(enters, passing.near, passing.far)
 

@@ -58,7 +58,10 @@ def shade(
 
     # How the light is divided, and where it goes on.
     transmitted, _, total = refract(d, n, media.eta, nodes.spread)
-    reflectance = mean(reflected_share(jnp.abs(dot(nodes.d, nodes.n)), media.eta))
+    cos = jnp.abs(dot(nodes.d, nodes.n))
+    # Each node stands for half the range.
+    spread = None if nodes.spread is None else jnp.broadcast_to(nodes.spread / 2, cos.shape)
+    reflectance = mean(reflected_share(cos, media.eta, spread))
     opaque = 1 - m.transmission
     mirror = jnp.where(si.valid, m.transmission * reflectance + opaque * m.reflectivity, 0)
     through = jnp.where(si.valid & ~total, m.transmission * (1 - reflectance), 0)

@@ -75,7 +75,7 @@ class Nearest(eqx.Module):
 
     @property
     def outline(self) -> Integers:
-        """The index of the face with which the outline of the shape is; negative where there is none."""
+        """The index of the face with which the outline of the shape is, or a second crease; negative where none is."""
         return self.neighbour(2)
 
     def neighbour(self, bits: int) -> Integers:
@@ -128,14 +128,15 @@ def find_two_nearest(shapes: Shapes, rays: Rays, live, may_pass, least: Number) 
 
 def look(
     shapes: Shapes, rays: Rays, live: Flags, may_pass: Flags, unit: Number
-) -> tuple[SurfaceInteraction, Rays, Scalars, Flags, Rays]:
+) -> tuple[SurfaceInteraction, Rays, Scalars, Flags, Rays, Flags]:
     """Find what each ray's footprint sees first, and split it at the edge of the smallest signed distance.
 
     Only rays that `may_pass`, which have a further level for what is past an edge, are split.
 
     Returns:
         The nearest surface at the centroid of the part that sees it; the rays moved to there, with the part as their
-        footprint; the fraction of the footprint that it is; which are split, and the rays of the other part.
+        footprint; the fraction of the footprint that it is; which are split, and the rays of the other part; which
+        are at a corner.
     """
     # The nearest surface that any part of a footprint sees, the one behind it, and the edge between them.
     fixed_shapes, fixed_rays = stop_gradient((shapes, rays))
@@ -165,16 +166,20 @@ def look(
         left = shapes.settings.path_limit - rays.path_length - t
         edges.append(Edge(left, -near.slope, near.fraction))
     edges.append(eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden))
-    central, passed = coverage.most_central(edges), nearest.shape
+    central, passed, corner = coverage.most_central(edges), nearest.shape, jnp.zeros_like(found)
     if shapes.axis is not None:
-        outline, crease = (
-            border_at(rays, surface, shapes, other, nearest.outside, is_outline)
-            for other, is_outline in ((nearest.outline, True), (nearest.crease, False))
-        )
+        ends = [
+            coverage.most_central([border_at(rays, surface, shapes, other, nearest.outside, is_outline)])
+            for other, is_outline in ((nearest.outline, nearest.outside), (nearest.crease, False))
+        ]
+        # Where both cut it is a corner, which is better looked at in parts.
+        corner = found & may_pass & (rays.throughput > 0.1)
+        for distance, direction, *_ in ends:
+            corner &= jnp.abs(distance) < coverage.reach(direction)
         # What is past an edge is behind the whole shape, but past a crease it is another face of it.
-        central, fold = coverage.most_central([*edges, outline]), coverage.most_central([crease])
-        is_crease = fold[0] < central[0]
-        central, passed = select(is_crease, (fold, passed_face(passed)), (central, passed))
+        fold = passed_face(nearest.shape)
+        for end, beyond in zip(ends, (jnp.where(nearest.outside, passed, fold), fold), strict=True):
+            central, passed = select(end[0] < central[0], (end, beyond), (central, passed))
     distance, direction, fraction, step = materialize(central, live)
     # Where it does not cut, the centre decides alone. The distance 2 is beyond any footprint's reach: all is near.
     cuts = found & (jnp.abs(distance) < coverage.reach(direction)) & may_pass
@@ -201,11 +206,16 @@ def look(
     passed = jnp.stack([passed, rays.footprint.passed[0]])
     throughput = rays.throughput * stop_gradient(1 - cut.area)
     past = eqx.tree_at(lambda r: (r.footprint.passed, r.throughput), far, (passed, throughput))
-    return si, near, jnp.where(cuts, cut.area, 1), cuts, past
+    return si, near, jnp.where(cuts, cut.area, 1), cuts, past, corner
 
 
 def border_at(
-    rays: Rays, surface: coverage.SurfaceAhead, shapes: Shapes, other: Integers, outside: Flags, is_outline: bool
+    rays: Rays,
+    surface: coverage.SurfaceAhead,
+    shapes: Shapes,
+    other: Integers,
+    outside: Flags,
+    is_outline: Flags | bool,
 ) -> Edge:
     """`solid.border` with faces that are given by their indices; negative ones for none."""
     edge = border(rays, surface.shape, surface.t, outside, take(shapes, jnp.maximum(other, 0)), is_outline)
