@@ -130,13 +130,9 @@ class Shape(NamedTuple):
     surface: Surface | None = None  # None where it was not asked for.
 
     @property
-    def is_ball(self) -> bool:
-        return self.keyword == "sphere" and "cut" not in self.numbers
-
-    @property
     def is_body(self) -> bool:
         """Whether it has several faces."""
-        return not self.is_ball and self.keyword not in ("plane", "rectangle")
+        return self.keyword not in ("plane", "rectangle", "sphere") or "cut" in self.numbers
 
     def block(self, material: str) -> Description:
         """The block of a shape that has the material of this name."""
@@ -231,8 +227,7 @@ def describe_scene(scene: Scene, settings: ResolvedSettings) -> Described:
 
 
 def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> PinholeView:
-    camera = scene.camera
-    given = None
+    camera, given = scene.camera, None
     if isinstance(camera, PerspectiveCamera):
         if settings.mapping != "corner":
             given = camera

@@ -13,7 +13,7 @@ from numpy.linalg import norm
 from ..scene.scene import Scene, least_distance
 from ..tracer.geometry.intersection import SurfaceInteraction
 from ..tracer.geometry.rays import NO_SHAPE, Integers, Vectors
-from ..tracer.geometry.shape_types import face
+from ..tracer.geometry.shape_types import all_faces
 from ..tracer.geometry.shapes import Faces, Shapes, surface_normal
 from ..tracer.geometry.solid import chord, inwards, is_inside
 from ..tracer.settings import ResolvedSettings
@@ -62,7 +62,9 @@ def surface_media(scene: Scene, settings: ResolvedSettings) -> SurfaceMedia:
     most = tuple(Counter(pair).most_common(1)[0][0] for pair in pairs)
     around = tuple(frozenset(itertools.chain.from_iterable(pair)) for pair in pairs)
     eye, *far = places(there)
-    return SurfaceMedia(most, around, _hidden(world), eye, frozenset(far), _surfaces(world.shapes, points))
+    shapes, points = jax.tree.map(lambda x: np.asarray(x, float), (world.shapes, points))
+    surfaces = tuple(Surface(faces, points[:, :, k]) for k, faces in enumerate(all_faces(shapes)))
+    return SurfaceMedia(most, around, _hidden(world), eye, frozenset(far), surfaces)
 
 
 @eqx.filter_jit
@@ -99,7 +101,7 @@ def _asked(scene: Scene, settings: ResolvedSettings) -> tuple[World, Vectors, li
 def _exits(shapes: Shapes, d: Vectors) -> tuple[Vectors, Vectors]:
     """Where rays from within each shape leave it, and its normals there, one column a shape; of flat ones anything."""
     count, faces = len(shapes.types), len(shapes.radius)
-    counts = np.diff([*shapes.starts, faces])
+    counts = np.subtract(shapes.ends, shapes.starts)
     owners = np.repeat(np.arange(count), counts)
     middle = jax.ops.segment_sum(inwards(shapes).T, owners, count).T / jnp.asarray(counts, d.dtype)
     each = jax.tree.map(lambda column: column[..., None, :], shapes)
@@ -109,15 +111,6 @@ def _exits(shapes: Shapes, d: Vectors) -> tuple[Vectors, Vectors]:
     points = middle[:, None] + t * d
     last = jax.ops.segment_max(jnp.where(far == t[:, owners], np.arange(faces), -1).T, owners, count).T
     return points, surface_normal(points[..., owners], each)[:, np.arange(len(t))[:, None], last]
-
-
-def _surfaces(shapes: Shapes, points: np.ndarray) -> tuple[Surface, ...]:
-    shapes, points = jax.tree.map(lambda x: np.asarray(x, float), (shapes, points))
-    ends = (*shapes.starts, len(shapes.radius))[1:]
-    return tuple(
-        Surface([face(shapes, place) for place in range(start, end)], points[:, :, k])
-        for k, (start, end) in enumerate(zip(shapes.starts, ends, strict=True))
-    )
 
 
 def _hits(p: Vectors, n: Vectors, shape: Integers) -> SurfaceInteraction:

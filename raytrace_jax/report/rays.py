@@ -9,10 +9,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from ..images import Transfer
-from ..scene.parameters import Block, blocks_of, shape_blocks
+from ..scene.parameters import Block, material_of, shape_blocks
 from ..scene.scene import Scene
 from ..scene.slabs import with_planes
-from ..tracer.geometry.shape_types import SHAPE_TYPES, face, shapes_of_numbers
+from ..tracer.geometry.shape_types import SHAPE_TYPES, all_faces, shapes_of_numbers
 from ..tracer.geometry.shapes import CuttingPlane, Section
 from ..tracer.ray_tree import KINDS, RayNode, RayTree
 from ..tracer.settings import RenderSettings, ResolvedSettings, resolve_settings
@@ -47,11 +47,8 @@ def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPla
 def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedSettings) -> dict[str, Section]:
     """Each shape as a drawing shows it that reaches so far from the plane's centre, by name in the file's order."""
     shapes = jax.tree.map(np.asarray, shapes_of_numbers(scene, settings))
-    found = {}
-    for name, kind, start in zip(scene.shape_order, shapes.types, shapes.starts, strict=True):
-        faces = [face(shapes, start + k) for k in range(SHAPE_TYPES[kind].face_count)]
-        found[name] = SHAPE_TYPES[kind].section(faces, view, reach)
-    return found
+    every = zip(scene.shape_order, shapes.types, all_faces(shapes), strict=True)
+    return {name: SHAPE_TYPES[kind].section(faces, view, reach) for name, kind, faces in every}
 
 
 def window(
@@ -107,7 +104,7 @@ def draw_tree(
     figure = Figure(figsize=(width, height), dpi=150)
     ax = figure.add_axes((0.8 / width, 0.55 / height, inches[0] / width, inches[1] / height))
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-    _draw_shapes(ax, scene, shown, {node.shape for node in tree.nodes}, [view.project(p) for p in points])
+    _draw_shapes(ax, scene, shown, {node.shape for node in tree.nodes}, list(view.project(points)))
     for node in tree.nodes:
         # A ray that hits nothing is a stub.
         _draw_ray(ax, node, view, 0.12 * size)
@@ -128,22 +125,19 @@ def draw_tree(
 def transparent_shapes(scene: Scene) -> set[str]:
     """The names of the shapes that let light through."""
     # The weights of all models: a scene for one of them leaves the others' at 0.
-    through = [
-        max(float(block.read(scene, weight)) for weight in ("alpha", "transmission"))
-        for block in blocks_of(scene, "material")
-    ]
-    owned = zip(scene.shape_order, [shape.read(scene, "material") for shape in shape_blocks(scene)], strict=True)
-    return {name for name, material in owned if through[material] > 0}
+    materials = {shape.name: material_of(scene, shape) for shape in shape_blocks(scene)}
+    weights = "alpha", "transmission"
+    return {name for name, block in materials.items() if any(block.read(scene, weight) > 0 for weight in weights)}
 
 
 def _draw_shapes(
     ax: Axes, scene: Scene, shown: dict[str, Section], hit: set[str | None], busy: list[np.ndarray]
 ) -> None:
     """Draw and name all shapes, where there is room beside what is `busy`: the hits, and names."""
-    low, high = np.transpose([ax.get_xlim(), ax.get_ylim()])
-    materials, glass = blocks_of(scene, "material"), transparent_shapes(scene)
-    columns = [shape.read(scene, "material") for shape in shape_blocks(scene)]
-    for (name, (cut, is_area, outline)), material in zip(shown.items(), columns, strict=True):
+    low, high = ax.viewLim.get_points()
+    glass = transparent_shapes(scene)
+    for shape, (cut, is_area, outline) in zip(shape_blocks(scene), shown.values(), strict=True):
+        name = shape.name
         if len(outline):
             ax.add_patch(Polygon(outline, fill=False, edgecolor="0.65", linestyle=":", linewidth=0.8))
         named = cut if len(cut) or not is_area else outline
@@ -152,7 +146,7 @@ def _draw_shapes(
             face = "#dcecfb" if name in glass else "#e9e9e9"
             ax.add_patch(Polygon(cut, facecolor=face, edgecolor="0.4", linewidth=1.0, alpha=0.75))
         elif len(inside) and not is_area:
-            ax.plot(inside[:, 0], inside[:, 1], color="0.4", linewidth=1.6, solid_capstyle="butt", zorder=1.5)
+            ax.plot(*inside.T, color="0.4", linewidth=1.6, solid_capstyle="butt", zorder=1.5)
         if not len(inside) or (is_area and not len(cut) and name not in hit):
             continue
         points, room, words = inside[(np.linspace(0.1, 0.85, 16) * len(inside)).astype(int)], np.inf, ""
@@ -163,15 +157,15 @@ def _draw_shapes(
             top = (low_end + high_end) / 2 * [1, 0] + high_end * [0, 1]
             points = np.array([top, *points[points[:, 1] > (low_end[1] + high_end[1]) / 2]])
             room = 0.04 * np.max(high - low)
-            words = f", n = {_index(scene, materials[material])}" if name in glass else ""
+            words = f", n = {_index(scene, material_of(scene, shape))}" if name in glass else ""
         point = max(points, key=lambda point: min(room, *(np.linalg.norm(point - other) for other in busy)))
         busy.append(point)
         _name(ax, drawable(name, 26) + words, point, bool(point[0] < points[0, 0] if is_area else rises))
 
 
-def _name(ax: Axes, name: str, place: np.ndarray, rises: bool = False) -> None:
+def _name(ax: Axes, name: str, place: np.ndarray, rises: bool) -> None:
     """Write a name beside its place, within the drawing, to the left of a line that rises."""
-    low, high = np.transpose([ax.get_xlim(), ax.get_ylim()])
+    low, high = ax.viewLim.get_points()
     # A letter is a hundred-and-twentieth of the drawing's longer side, which is 8 inches.
     size = np.array([len(name) / 120, 0.025]) * np.max(high - low)
     right, up = place + size > high
@@ -200,10 +194,10 @@ def least_drawn(settings: ResolvedSettings) -> float:
     return 0.005 if settings.model == "physical" else 0.0
 
 
-def main_path(tree: RayTree, most: int = 2) -> list[RayNode]:
-    """The first rays that hit something, from the camera's on, each followed by the one of its own that counts most."""
+def main_path(tree: RayTree) -> list[RayNode]:
+    """The first two rays that hit something: the camera's, or none, and the one of its own that counts most."""
     path, node = [], tree.nodes[0]
-    while node is not None and node.shape is not None and len(path) < most:
+    while node is not None and node.shape is not None and len(path) < 2:
         path.append(node)
         children = [child for child in tree.nodes if child.parent == node.number and child.shape is not None]
         node = max(children, key=lambda child: child.weight, default=None)
@@ -220,7 +214,7 @@ def _draw_angles(ax: Axes, tree: RayTree, view: CuttingPlane, radius: float) -> 
             continue
         normal = normal / length
         ends = point + 2.5 * radius * np.multiply.outer((-1, 1), normal)
-        ax.plot(ends[:, 0], ends[:, 1], color="0.3", linewidth=0.8, linestyle=(0, (5, 3)), zorder=2.5)
+        ax.plot(*ends.T, color="0.3", linewidth=0.8, linestyle=(0, (5, 3)), zorder=2.5)
         rays = [(-node.d, normal, f"{np.degrees(node.theta_i):.1f}°{', total' if node.total else ''}")]
         through = [child.d for child in tree.nodes if child.parent == node.number and child.kind == KINDS[1]]
         if node.theta_t is not None:
@@ -231,7 +225,7 @@ def _draw_angles(ax: Axes, tree: RayTree, view: CuttingPlane, radius: float) -> 
             turn = np.arctan2(axis[0] * side[1] - axis[1] * side[0], axis @ side)
             angles = start + np.linspace(0, turn, 20)
             arc = point + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-            ax.plot(arc[:, 0], arc[:, 1], color="0.3", linewidth=0.8, zorder=3.2)
+            ax.plot(*arc.T, color="0.3", linewidth=0.8, zorder=3.2)
             # Beyond the arc on the ray's other side of the normal, where neither of the two is crossed.
             away = start - np.sign(turn) * 0.3
             places = [point + far * radius * np.array([np.cos(away), np.sin(away)]) for far in (1.6, 2.3, 3.0)]
@@ -289,8 +283,9 @@ def _direction(axis: np.ndarray, forward: np.ndarray, up: np.ndarray) -> str:
     """A unit vector in words of who looks along `forward`: what makes a fifth of it or more, largest first."""
     up = up - (up @ forward) * forward
     up = up / max(float(np.linalg.norm(up)), TINY)
-    named = {"to the right": np.cross(forward, up), "up": up, "away from the camera": forward}
-    against = {"to the right": "to the left", "up": "down", "away from the camera": "towards the camera"}
+    right = np.cross(forward, up)
+    named = {"to the right": right, "up": up, "away from the camera": forward}
+    named |= {"to the left": -right, "down": -up, "towards the camera": -forward}
     parts = {words: float(axis @ direction) for words, direction in named.items()}
-    shown = sorted((words for words in parts if abs(parts[words]) > 0.2), key=lambda words: -abs(parts[words]))
-    return ", ".join(words if parts[words] > 0 else against[words] for words in shown)
+    shown = (words for words in parts if parts[words] > 0.2)
+    return ", ".join(sorted(shown, key=lambda words: -parts[words]))

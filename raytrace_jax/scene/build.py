@@ -63,8 +63,8 @@ def scene_from_dict(values: Mapping[str, Any], *, folder: StrPath = ".", dtype: 
         if keyword not in BLOCK_TYPES:
             guess = did_you_mean(str(keyword), BLOCK_TYPES)
             raise SceneError(f"there is no block {quoted(str(keyword))}.{guess} Blocks: {listed(BLOCK_TYPES)}.")
-        plain = {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
-        said = {key: value for key, value in plain.items() if key not in ("block", "name")}
+        said = {key: value for key, value in row.items() if key not in ("block", "name")}
+        said = {key: tuple(value) if isinstance(value, list) else value for key, value in said.items()}
         described.append(describe(keyword, name, said, Path(folder)))
     return make_scene(*described, dtype=dtype, model=values.get("model"))
 

@@ -1,5 +1,7 @@
 """Checks of whole scenes: what no picture can be made from is refused, what is probably a mistake is warned of."""
 
+import operator
+
 import jax
 import numpy as np
 
@@ -23,7 +25,7 @@ def check_values(scene: Scene) -> None:
     SceneError names the block and its attribute.
     """
     leaves = jax.tree.leaves(scene)
-    is_known = len(leaves) == len(_checked) and all(map(lambda leaf, known: leaf is known, leaves, _checked))
+    is_known = len(leaves) == len(_checked) and all(map(operator.is_, leaves, _checked))
     if is_known or is_traced(leaves):
         return
     for row, attribute, names, values in attribute_values(scene):

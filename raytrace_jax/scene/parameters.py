@@ -285,16 +285,14 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
         entries[whole] = (name, attribute, value)
 
     for address, (name, attribute, value) in entries.items():
-        violation = None if is_traced(value) else attribute.violation(np.asarray(value))
-        if violation:
+        if violation := attribute.violation(value):
             raise ParameterError(f"{quoted(name)}: {violation}, got {np.asarray(value)}.")
         scene = address.write_entry(scene, value)
     # Then what attributes of a block may not have together.
     for name, parameter in parameters.items():
-        if parameter.block.type.checks:
-            known = {key: x for key, x in parameter.block.read_all(scene).items() if not is_traced(x)}
-            if complaint := parameter.block.type.complaint(known):
-                raise ParameterError(f"{quoted(name)}: {complaint[1]}.")
+        kind = parameter.block.type
+        if kind.checks and (complaint := kind.complaint(parameter.block.read_all(scene))):
+            raise ParameterError(f"{quoted(name)}: {complaint[1]}.")
     return scene
 
 

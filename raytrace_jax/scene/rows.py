@@ -100,7 +100,7 @@ class Description:
                 default = attribute.default_of(model, values.__getitem__)
                 is_array = attribute.value_type == "number"
                 values[attribute.name] = np.array(default, dtype).reshape(attribute.shape) if is_array else default
-        if complaint := row.complaint({name: value for name, value in values.items() if not is_traced(value)}):
+        if complaint := row.complaint(values):
             names, words = complaint
             raise self.error([name for name in self.values if name in names][-1], f"in {self}, {words}.")
         return dataclasses.replace(self, values=values)
@@ -133,8 +133,7 @@ class Description:
             raise self.error(name, f"in {self}, {attribute.describe()}, {_got(value)}.") from None
         except ValueError as reason:
             raise self.error(name, f"in {self}, {name} {reason}.") from None
-        violation = None if is_traced(array) else attribute.violation(np.asarray(array))
-        if violation:
+        if violation := attribute.violation(array):
             raise self.error(name, f"in {self}, {violation}, {_got(value)}, which is {array} in {array.dtype}.")
         if attribute.value_type == "number":
             return array
@@ -236,7 +235,8 @@ def assemble(
     columns: dict[str, dict[str, int]] = {keyword: {} for keyword in BLOCK_TYPES}
     for row, those in blocks.items():
         names = columns[row.keyword]
-        names |= {block.name: len(names) + k for k, block in enumerate(those)}
+        for block in those:
+            names[block.name] = len(names)
     fields: dict[str, Any] = {}
     for row, those in blocks.items():
         if those or not row.is_single:
@@ -317,9 +317,8 @@ def _check_mappings(named: dict[str, dict[str, Description]]) -> None:
     uses += [(background, "texture", background) for background in named["background"].values()]
     for block, part, owner in uses:
         texture = named["texture"].get(owner.values["texture"])
-        if texture and texture.kinds[0].group not in block.kinds[0].textures:
+        if texture and (group := texture.kinds[0].group) not in block.kinds[0].textures:
             kind = quoted(texture.values["kind"])
-            group = texture.kinds[0].group
             others = [word for word, rows in BLOCK_TYPES.items() if any(group in row.textures for row in rows)]
             words = f"a {block.keyword} has no mapping for the kind {kind}, as {listed(others)} have"
             raise block.error(part, f"{block} has the {texture}: {words}.")

@@ -9,7 +9,9 @@ from typing import Any, Literal, NamedTuple, TypeGuard, get_args
 
 import equinox as eqx
 import numpy as np
+from jax.typing import ArrayLike
 
+from ..util.numerics import is_traced
 from ..util.text import is_unicode
 from .setting_words import ModelName
 
@@ -160,9 +162,11 @@ class Attribute(NamedTuple):
         components = f" ({' '.join(self.components)})" if self.components else ""
         return f"{self.name} takes {self.value_count} {word}{'s' if self.value_count > 1 else ''}{components}"
 
-    def violation(self, values: np.ndarray) -> str | None:
-        """The limit that finite values break, in words, or None."""
-        return f"{self.name} must be {self.limit.wanted}" if self.limit and not self.limit.holds(values) else None
+    def violation(self, values: ArrayLike) -> str | None:
+        """The limit that finite values break, in words, or None; what is traced has no values yet."""
+        if self.limit is None or is_traced(values) or self.limit.holds(np.asarray(values)):
+            return None
+        return f"{self.name} must be {self.limit.wanted}"
 
 
 def attribute(components: tuple[str, ...] = (), **declared: Any) -> Any:
@@ -179,13 +183,11 @@ def word(choices: object, default: str | None = None, **declared: Any) -> Any:
 @functools.cache
 def declared_attributes(struct: type) -> tuple[Attribute, ...]:
     """The attributes that a struct's fields declare, in the order in which a file has them."""
-    attributes: dict[str, Attribute] = {}
-    for field in dataclasses.fields(struct):
-        if declaration := field.metadata.get("attribute"):
-            attributes[field.name] = declaration._replace(name=field.name)
+    fields = [field for field in dataclasses.fields(struct) if "attribute" in field.metadata]
+    attributes = [field.metadata["attribute"]._replace(name=field.name) for field in fields]
     # The sort keeps the order of equals: an attribute with another one before it comes right behind that one.
-    order = list(attributes)
-    return tuple(sorted(attributes.values(), key=lambda a: order.index(a.after or a.name)))
+    order = [field.name for field in fields]
+    return tuple(sorted(attributes, key=lambda a: order.index(a.after or a.name)))
 
 
 class SingleBlock(eqx.Module):
@@ -239,14 +241,15 @@ class BlockType(NamedTuple):
         return tuple(attribute for attribute in self.attributes if attribute.value_type == "number")
 
     def required(self, model: ModelName) -> tuple[str, ...]:
-        defaults = {a.name: a.model_defaults.get(model, a.default) for a in self.attributes if not a.is_optional}
-        return tuple(name for name, default in defaults.items() if default is None)
+        needed = (attribute for attribute in self.attributes if not attribute.is_optional)
+        return tuple(a.name for a in needed if a.model_defaults.get(model, a.default) is None)
 
     def complaint(self, values: Mapping[str, Any]) -> tuple[tuple[str, ...], str] | None:
         """The attributes of the first check that a block's values break, and what is wrong.
 
-        Checks with values missing are left out.
+        Checks with values missing, or traced, are left out.
         """
+        values = {name: value for name, value in values.items() if not is_traced(value)}
         for check in self.checks:
             names = tuple(inspect.signature(check).parameters)
             if values.keys() >= set(names) and (found := check(*(np.asarray(values[name]) for name in names))):

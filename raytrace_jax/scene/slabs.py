@@ -60,8 +60,8 @@ def with_planes(scene: Scene) -> Scene:
         normal=jnp.broadcast_to(slabs.normal[:, None], point.shape).reshape(3, -1),
         point=point.reshape(3, -1),
     )
-    groups = [row.group for rows in BLOCK_TYPES.values() for row in rows if row.is_shape]
-    shapes = {group: moved(getattr(scene, group)) for group in groups}
+    types = (row for rows in BLOCK_TYPES.values() for row in rows if row.is_shape)
+    shapes = {row.group: moved(getattr(scene, row.group)) for row in types}
     shapes["planes"] = _joined(shapes["planes"], faces)
     shapes["slabs"] = jax.tree.map(lambda x: x[..., :0], dataclasses.replace(slabs, names=(), material=()))
     materials = _joined(old, walls_and_air)

@@ -39,7 +39,7 @@ def _in_view(given: Scene) -> list[str]:
     ]
 
     rows, owners = _lengths(shapes, np.asarray(scene.camera.viewpoint), length), face_owners(given)
-    shape_of = np.repeat(np.arange(len(blocks)), np.diff([*shapes.starts, len(shapes.radius)]))
+    shape_of = np.repeat(np.arange(len(blocks)), np.subtract(shapes.ends, shapes.starts))
     pairs = set()
     for i, j in KDTree(rows).query_pairs(least):
         a, b = sorted((shape_of[i], shape_of[j]))
@@ -62,7 +62,7 @@ def _heights(scene: Scene, settings: ResolvedSettings) -> tuple[Shapes, Float[Ar
     Far from a shape it is only the sign that counts; a plane's middle is its point.
     """
     shapes = scene_shapes(scene, settings)
-    parts = list(zip(shapes.starts, [*shapes.starts[1:], len(shapes.radius)], strict=True))
+    parts = list(zip(shapes.starts, shapes.ends, strict=True))
     points = [*(inwards(shapes)[:, start:end].mean(axis=1) for start, end in parts), scene.camera.viewpoint]
     values = jax.vmap(lambda p: surface_value(jnp.broadcast_to(p[:, None], shapes.normal.shape), shapes))(
         jnp.stack(points)

@@ -170,7 +170,7 @@ def pixel_outputs(
 
 @functools.partial(jit, static_argnames=("settings", "aov", "reversible"))
 def color_batches(
-    scenes: Scene, batches: Batches, settings: ResolvedSettings, aov: tuple[str, ...] = (), reversible: bool = False
+    scenes: Scene, batches: Batches, settings: ResolvedSettings, aov: tuple[str, ...], reversible: bool
 ) -> tuple[dict[str, Array], Bool[Array, "devices slots places"]]:
     """Colours and output variables by name at batches of points, and which points are complete.
 
@@ -229,7 +229,7 @@ def pixel_derivatives(
 
 @functools.partial(jit, static_argnames=("unknowns", "settings", "reversible"))
 def differentiate_batches(
-    y: Array, scene: Scene, batches: Batches, unknowns: SceneFunction, settings: ResolvedSettings, reversible=False
+    y: Array, scene: Scene, batches: Batches, unknowns: SceneFunction, settings: ResolvedSettings, reversible: bool
 ) -> tuple[tuple[Array, Array, Array], Bool[Array, "devices slots places"]]:
     """The fields of `PixelDerivatives` of each batch, and which points are complete; `reversible` as above."""
 

@@ -134,7 +134,7 @@ class MitsubaWriter:
             right, up, center = numbers["right"], numbers["up"], numbers["center"]
         matrix = np.eye(4)
         depth = numbers.get("depth", 1.0) * unit(np.cross(right, up))
-        matrix[:3] = np.stack([right, up, depth, center], axis=-1)
+        matrix[:3] = np.column_stack([right, up, depth, center])
         return matrix, np.array([norm(right), norm(up)])
 
     def bsdf(self, shape: Shape, halves: np.ndarray) -> Plugin:
@@ -205,7 +205,7 @@ def _ends(shape: Shape, values: dict[str, Value]) -> list[Plugin]:
     discs = []
     for s, called in ((-1, "first end"), (1, "last end")):
         matrix, out = np.eye(4), s * unit(axis)
-        matrix[:3] = np.stack([radius * across, radius * np.cross(out, across), out, center + s * axis], axis=-1)
+        matrix[:3] = np.column_stack([radius * across, radius * np.cross(out, across), out, center + s * axis])
         # Plugins of their own, as what is the same object counts as one that comes for the first time.
         shared = {
             key: value._replace() if isinstance(value, Plugin) else value

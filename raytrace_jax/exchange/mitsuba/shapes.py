@@ -70,11 +70,15 @@ def read_shape(plugin: Plugin, eye: Sequence[float] | None, lost: Lost) -> Shape
 
 def _numbers(plugin: Plugin, lost: Lost) -> dict[str, Any] | None:
     """The numbers of a shape; None where its transform makes it one that we have not."""
-    # Lengths that differ by a smaller share are equal.
-    matrix, equal = plugin.transform(), 1e-9
+    matrix = plugin.transform()
+
+    def is_round(gram: np.ndarray) -> bool:
+        # Lengths that differ by a smaller share than 1e-9 are equal.
+        return np.allclose(gram, gram[0, 0] * np.eye(len(gram)), rtol=0, atol=1e-9 * np.abs(gram).max())
+
     if plugin.kind == "sphere":
         gram, radius = matrix[:3, :3].T @ matrix[:3, :3], plugin.number("radius", 1.0)
-        if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=0, atol=equal * np.abs(gram).max()):
+        if not is_round(gram):
             lost.append("its to_world makes it an ellipsoid")
             return None
         return {"center": plugin.place("center"), "radius": radius * math.sqrt(gram[0, 0])}
@@ -86,8 +90,7 @@ def _numbers(plugin: Plugin, lost: Lost) -> dict[str, Any] | None:
         # The rows of Vt are along the tube and across it.
         across = matrix[:3, :3] @ np.linalg.svd((p1 - p0)[None])[2][1:].T
         gram = across.T @ across
-        is_round = np.allclose(gram, gram[0, 0] * np.eye(2), rtol=0, atol=equal * np.abs(gram).max())
-        if not is_round or norm(axis @ across) > OBLIQUE * norm(axis) * norm(across):
+        if not is_round(gram) or norm(axis @ across) > OBLIQUE * norm(axis) * norm(across):
             lost.append("its to_world makes it no upright cylinder")
             return None
         radius = plugin.number("radius", 1.0) * math.sqrt(gram[0, 0])
@@ -97,9 +100,8 @@ def _numbers(plugin: Plugin, lost: Lost) -> dict[str, Any] | None:
     if any(abs(a @ b) > OBLIQUE * norm(a) * norm(b) for a, b in pairs):
         lost.append("its sides are not at right angles")
         return None
-    if plugin.kind == "cube":
-        return {"center": matrix[:3, 3], "right": right, "up": up, "depth": float(norm(depth))}
-    return {"center": matrix[:3, 3], "right": right, "up": up}
+    sides = {"center": matrix[:3, 3], "right": right, "up": up}
+    return sides | {"depth": float(norm(depth))} if plugin.kind == "cube" else sides
 
 
 def is_end(disc: Plugin, tube: Plugin, shape: Shape, side: int) -> bool:

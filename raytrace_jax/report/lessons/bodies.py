@@ -14,7 +14,7 @@ from ...scene.rows import Description
 from ...tracer.ray_tree import RayNode, trace_tree
 from ...tracer.settings import RenderSettings
 from ..rays import COLOURS as KINDS
-from .formulas import BLUE, COLOURS, GREY, INDEX, ORANGE, RED, draw_by_index, finish, make_figure
+from .formulas import BLUE, COLOURS, GREY, INDEX, ORANGE, RED, critical_degrees, draw_by_index, finish, make_figure
 
 
 def trace(body: Description, start: np.ndarray, direction: np.ndarray) -> list[RayNode]:
@@ -81,8 +81,7 @@ def draw_angle(
 
 def draw_half_disc() -> Figure:
     """Three rays that meet the middle of the flat side from within, the last one beyond the critical angle."""
-    critical = float(np.degrees(optics.critical_angle(1 / INDEX)))
-    words = f"Half a disc of glass, n = {INDEX:g}: the critical angle is {critical:.1f}°"
+    words = f"Half a disc of glass, n = {INDEX:g}: the critical angle is {critical_degrees():.1f}°"
     figure, axes = make_figure(words, 1, 3, (14, 5.2))
     disc = build.cylinder("disc", material="glass", center=(0, 0, 0), axis=(0, 0, 0.2), radius=1, cut=(0, 1, 0))
     for ax, degrees in zip(axes, (25, 40, 50), strict=True):

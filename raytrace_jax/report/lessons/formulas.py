@@ -38,6 +38,11 @@ def make_figure(title: str, rows: int, columns: int, size: tuple[float, float]) 
     return figure, axes
 
 
+def critical_degrees() -> float:
+    """The angle of incidence within the glass, in degrees, beyond which nothing leaves it."""
+    return float(np.degrees(critical_angle(1 / INDEX)))
+
+
 def finish(ax: Axes, heading: str, x: str, y: str, **legend) -> None:
     """Title, labels, a faint grid and the legend of a panel whose curves are drawn."""
     ax.set_title(heading, fontsize=11)
@@ -79,7 +84,7 @@ def interrupted(x: np.ndarray, y: np.ndarray, jump: float) -> tuple[np.ndarray, 
 def draw_ray() -> Figure:
     """Six panels: rays into glass, and out of it; the last one is reflected totally. Widths are shares of the light."""
     figure, axes = make_figure(f"A ray meets glass, n = {INDEX:g}", 2, 3, (14, 8.4))
-    critical = float(np.degrees(critical_angle(1 / INDEX)))
+    critical = critical_degrees()
     for ax, degrees in zip(axes, (20.0, 50.0, 80.0, 20.0, 40.0, 55.0), strict=True):
         out = ax in axes[3:]
         _draw_refraction(ax, degrees, out)
@@ -151,7 +156,7 @@ def draw_snell() -> Figure:
 def draw_fresnel() -> Figure:
     """Reflectance and its derivative by the index, above on the way into glass, below on the way out."""
     figure, axes = make_figure(f"Fresnel and Schlick, n = {INDEX:g}", 2, 2, (11, 8))
-    critical = float(np.degrees(critical_angle(1 / INDEX)))
+    critical = critical_degrees()
     ways = (("into the glass", np.linspace(0, 90, 501), 1), ("out of the glass", np.linspace(0, 60, 2001), -1))
     for row, (where, degrees, power) in enumerate(ways):
         value, slope = pair = axes[2 * row : 2 * row + 2]
@@ -237,7 +242,7 @@ def cosine_and_slopes(square_root: Callable, theta: np.ndarray, n: float) -> tup
 def draw_total_reflection() -> Figure:
     """Draw the cosine of refraction and, below, its two derivatives: a column for each way to take the square root."""
     figure, axes = make_figure("Total internal reflection, as automatic differentiation sees it", 3, 3, (14, 10))
-    critical = float(np.degrees(critical_angle(1 / INDEX)))
+    critical = critical_degrees()
     degrees = np.linspace(0, 60, 1201)
     rows = (
         ("the value", "cos $\\theta_t$", BLUE, (-0.1, 1.1)),

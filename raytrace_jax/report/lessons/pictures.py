@@ -24,9 +24,9 @@ from . import bodies, formulas
 from .formulas import COLOURS, INDEX, RED, empty_figure, finish, make_figure
 
 
-def read_balls() -> Scene:
-    text = importlib.resources.files("raytrace_jax.report.lessons").joinpath("balls.txt").read_text(encoding="utf-8")
-    return parse_scene(text)
+def read_lesson(name: str) -> Scene:
+    file = importlib.resources.files("raytrace_jax.report.lessons") / name
+    return parse_scene(file.read_text(encoding="utf-8"))
 
 
 def draw_edges(size: tuple[int, int] = (160, 120), samples: int = 8) -> Figure:
@@ -34,7 +34,7 @@ def draw_edges(size: tuple[int, int] = (160, 120), samples: int = 8) -> Figure:
 
     The finite differences are of pictures with `samples` x `samples` rays a pixel.
     """
-    scene, names, step = read_balls(), ("glass.center.x", "glass.ior"), 0.006
+    scene, names, step = read_lesson("balls.txt"), ("glass.center.x", "glass.ior"), 0.006
     point, aware = (RenderSettings(size=size, max_bounces=2, edges=edges) for edges in ("point", "aware"))
     missing, seen = (picture_derivatives(scene, names, settings) for settings in (point, aware))
     differences = finite_differences(scene, names, point, step, samples)
@@ -66,7 +66,7 @@ def draw_cost(size: tuple[int, int] = (160, 120), count: int = 121) -> Figure:
 
     Of the `count` indices from 1 to 2.2 one is 1.5 where there are 12 k + 1.
     """
-    scene, settings = read_balls(), RenderSettings(size=size, max_bounces=2)
+    scene, settings = read_lesson("balls.txt"), RenderSettings(size=size, max_bounces=2)
 
     def picture(index: float) -> np.ndarray:
         return np.asarray(render(set_parameters(scene, {"glass.ior": index}), settings).image)
@@ -119,8 +119,7 @@ def draw_dispersion(size: int = 240, zoom: int = 5) -> Figure:
     _draw_indices(curves)
     name = "N-SF11"
     by_channel = schott_index(name, CHANNEL_WAVELENGTHS)
-    text = importlib.resources.files("raytrace_jax.report.lessons").joinpath("rim.txt").read_text(encoding="utf-8")
-    scene, corner = parse_scene(text), np.array([0.66, 0.12])  # Of the enlarged part, in widths of the picture.
+    scene, corner = read_lesson("rim.txt"), np.array([0.66, 0.12])  # Of the enlarged part, in widths of the picture.
     settings = RenderSettings(size=(size, size), edges="aware")
     x, y = map(int, corner * zoom * size)
     near = dataclasses.replace(settings, size=(zoom * size, zoom * size), crop=(x, y, size, size))

@@ -44,8 +44,7 @@ def within_borders(p: Vectors, shape: Shapes) -> list[Scalars]:
 def hit(rays: Rays, faces: Faces, index: Index, least: Number) -> Hit:
     (shape,) = faces
     t, hits = flat_hit(rays, shape, index, least)
-    along_right, along_up = within_borders(rays.o + jnp.where(hits, t, 0) * rays.d, shape)
-    return t, hits & (along_right >= 0) & (along_up >= 0), index
+    return t, hits & (outside_borders(rays.o + jnp.where(hits, t, 0) * rays.d, shape) <= 0), index
 
 
 def edges(rays: Rays, shape: Shapes, outside: Flags, t: Scalars, near: Approach) -> tuple[Edge, ...]:
@@ -73,10 +72,10 @@ def section(faces: Faces, drawing: CuttingPlane, reach: float) -> Section:
     (shape,) = faces
     center, (right, up) = np.asarray(shape.position, np.float64), np.asarray(shape.axes, np.float64)
     corners = [center + u * right + v * up for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
-    outline = np.array([drawing.project(corner) for corner in corners])
-    normal = np.cross(right, up) / np.linalg.norm(np.cross(right, up))
+    normal = np.cross(right, up)
+    normal /= np.linalg.norm(normal)
     bounds = [(s * axis, s * axis @ center + axis @ axis) for axis in (right, up) for s in (-1, 1)]
-    return Section(flat_section(center, normal, drawing, np.inf, bounds), False, outline)
+    return Section(flat_section(center, normal, drawing, np.inf, bounds), False, drawing.project(np.array(corners)))
 
 
 def frame(shape: Shapes) -> tuple[Axes, Pairs]:

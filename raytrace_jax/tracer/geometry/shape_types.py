@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable, Collection, Sequence
+from itertools import accumulate
 from typing import Any, TypeVar
 
 import jax
@@ -54,9 +55,9 @@ def fold_shapes(
         settle: what to do with all answers before they are put together, and with what is found after each, where they
             are few. Chains of selections that feed each other are one kernel otherwise, which computes them anew.
     """
-    names = [name for name in SHAPE_TYPES if name not in leave_out]
     placed = list(zip(shapes.types, shapes.starts, strict=True))
-    starts = {name: [start for other, start in placed if other == name] for name in names}
+    asked = set(shapes.types) - set(leave_out)
+    starts = {name: [start for other, start in placed if other == name] for name in SHAPE_TYPES if name in asked}
 
     def ask_one(name: str, index: Index) -> Answer:
         shape_type = SHAPE_TYPES[name]
@@ -67,25 +68,29 @@ def fold_shapes(
         for name, indices in starts.items():
             if len(indices) == 1:
                 answers.append(ask_one(name, indices[0]))
-            elif indices:
+            else:
                 each = jax.vmap(functools.partial(ask_one, name))(jnp.asarray(indices, jnp.int32))
                 answers += unstacked(each, len(indices))
         for answer in settle(answers):
             start = settle(combine(start, answer))
         return start
     for name, indices in starts.items():
-        if indices:
-            places = jnp.asarray(indices, jnp.int32)
+        places = jnp.asarray(indices, jnp.int32)
 
-            def step(k, found, name=name, places=places):
-                return combine(found, ask_one(name, places[k]))
+        def step(k, found, name=name, places=places):
+            return combine(found, ask_one(name, places[k]))
 
-            start = jax.lax.fori_loop(0, len(indices), step, start)
+        start = jax.lax.fori_loop(0, len(indices), step, start)
     return start
 
 
 def face(shapes: Shapes, index: Index) -> Shapes:
     return jax.tree.map(lambda values: values[..., index], shapes)
+
+
+def all_faces(shapes: Shapes) -> list[Faces]:
+    """The faces of each shape."""
+    return [[face(shapes, place) for place in range(*part)] for part in zip(shapes.starts, shapes.ends, strict=True)]
 
 
 def families(names: Collection[str]) -> dict[Any, int]:
@@ -143,9 +148,8 @@ def repeated(shapes: Shapes) -> Bool[Array, " shapes"]:
     if shapes.axis is not None:
         rows += [shapes.axis, shapes.curvature[None], shapes.type[None].astype(foot.dtype)]
     table, hidden = jnp.concatenate(rows), jnp.zeros(len(shapes.type), bool)
-    ends = (*shapes.starts, len(shapes.type))[1:]
-    counts = np.array([end - start for start, end in zip(shapes.starts, ends, strict=True)])
-    for count in sorted(set(counts.tolist())):
+    counts = np.subtract(shapes.ends, shapes.starts)
+    for count in np.unique(counts):
         # The faces of the shapes that have so many, "shapes faces".
         faces = np.array(shapes.starts)[counts == count][:, None] + np.arange(count)
         of_shape = jnp.moveaxis(table[:, faces], -1, 0).reshape(-1, len(faces))
@@ -161,10 +165,8 @@ def scene_shapes(scene: Scene, settings: ResolvedSettings) -> Shapes:
     present = [name for name, group in groups.items() if group.names] or list(SHAPE_TYPES)[:1]
     # Face after face of all shapes, type by type; and in that list the places of the faces in the order of the file.
     faces = (name for kind in present for name in groups[kind].names for _ in range(SHAPE_TYPES[kind].face_count))
-    places: dict[str, list[int]] = {}
-    for place, name in enumerate(faces):
-        places.setdefault(name, []).append(place)
-    order = jnp.asarray([place for name in scene.shape_order for place in places[name]], jnp.int32)
+    ranks = {name: rank for rank, name in enumerate(scene.shape_order)}
+    order = jnp.asarray(np.argsort([ranks[name] for name in faces], kind="stable"), jnp.int32)
     found = [SHAPE_TYPES[kind].coefficients(groups[kind]) for kind in present]
     for part, axes in (("axes", (2, 3)), ("axis", (3,))):
         if any(part in one for one in found):
@@ -176,7 +178,7 @@ def scene_shapes(scene: Scene, settings: ResolvedSettings) -> Shapes:
     types, counts = tuple(shape.type.group for shape in shape_blocks(scene)), face_counts(scene)
     family = families(SHAPE_TYPES)
     numbers = [family[SHAPE_TYPES[name].edges] for name in per_face(scene, types)]
-    starts = tuple(sum(counts[:k]) for k in range(len(counts)))
+    starts = tuple(accumulate(counts, initial=0))[:-1]
     return Shapes(types, starts, settings, jnp.asarray(numbers, jnp.int32), **columns)
 
 

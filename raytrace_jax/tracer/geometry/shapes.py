@@ -61,6 +61,11 @@ class Shapes(eqx.Module):
     hidden: Bool[Array, " *shapes"] | None = None  # An earlier shape has the same surface, and is all that is met.
 
     @property
+    def ends(self) -> tuple[int, ...]:
+        """The place behind each shape's last face."""
+        return (*self.starts, len(self.radius))[1:]
+
+    @property
     def is_met(self) -> Flags | bool:
         return True if self.hidden is None else ~self.hidden
 
@@ -227,8 +232,8 @@ class CuttingPlane(NamedTuple):
     up: Float[np.ndarray, "3"]
     normal: Float[np.ndarray, "3"]
 
-    def project(self, p: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:
-        return np.array([(p - self.center) @ self.right, (p - self.center) @ self.up])
+    def project(self, p: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points 2"]:
+        return (p - self.center) @ np.column_stack([self.right, self.up])
 
 
 class Section(NamedTuple):

@@ -6,10 +6,10 @@ outside is the face of the largest near, seen from inside that of the smallest f
 it: within it ends at the smallest far, outside it never meets the solid again.
 
 A face ends where it meets another one. There F of either face is 0 at the point where a ray meets the other one: an
-event function of that edge. The edge is a *crease* to the face of the second largest near, past which the ray goes on to
-that face; or the *outline* of the solid, to the face of the smallest far. From inside there are creases to the faces of
-the second and of the third smallest far. Where both edges cut a footprint it is at a corner, and is subdivided. A curved
-face has an outline of its own, where rays graze it: F of the ray's point that is deepest inside of it is 0.
+event function of that edge. The edge is a *crease* to the face of the second largest near, past which the ray goes on
+to that face; or the *outline* of the solid, to the face of the smallest far. From inside there are creases to the faces
+of the second and of the third smallest far. A footprint that both cut is at a corner, and is subdivided.
+A curved face has an outline of its own, where rays graze it: F of the ray's point that is deepest inside of it is 0.
 """
 
 import dataclasses
@@ -176,9 +176,10 @@ def see(
     (t, seen), outside = meeting(way, rays, faces, least), ~way.within
     crease = outline = -1
     nears, fars = [each.near for each in way.chords], [-each.far for each in way.chords]
+    (other_in, before), (other_out, behind) = largest(nears, way.first), largest(fars, way.last)
     if len(faces) > 1:
-        crease = jnp.where(outside, largest(nears, way.first)[1], largest(fars, way.last)[1])
-        outline = jnp.where(outside, largest(fars, way.first)[1], largest(fars, way.last, crease)[1])
+        crease = jnp.where(outside, before, behind)
+        outline = jnp.where(outside, largest(fars, way.first)[1], largest(fars, way.last, behind)[1])
 
     # What the centre misses is beyond an edge of the face that comes last.
     face = chosen(faces, way.first)
@@ -192,8 +193,7 @@ def see(
     else:
         # It is beyond no more than one: without the face by which it would enter it meets the solid, or without that by
         # which it would leave.
-        other_in, other_out = largest(nears, way.first)[0], -largest(fars, way.last)[0]
-        misses = misses & ((other_in < way.t_out) | (way.t_in < other_out))
+        misses = misses & ((other_in < way.t_out) | (way.t_in < -other_out))
         misses = misses & shapes.is_within(border(rays, face, way.t_in, True, chosen(faces, outline), True))
     t, outside = jnp.where(misses, first, t), outside | misses
     return shapes.Sighting(t, seen | misses, outside, seen, face_met(way), crease, outline)
@@ -301,8 +301,7 @@ def inwards(face: Shapes) -> Vectors:
 def stretch_inside(kinds: Sequence[Kind], faces: Faces, o: Vectors, d: Vectors) -> tuple[Scalars, Scalars]:
     """Where lines through points along directions enter and leave a solid."""
     chords = [chord(o, d, face, kind) for face, kind in zip(faces, kinds, strict=True)]
-    nears, fars = [each.near for each in chords], [each.far for each in chords]
-    return functools.reduce(jnp.maximum, nears), functools.reduce(jnp.minimum, fars)
+    return largest([each.near for each in chords])[0], -largest([-each.far for each in chords])[0]
 
 
 def section(kinds: Sequence[Kind], faces: Faces, drawing: CuttingPlane, reach: float) -> Section:
@@ -322,7 +321,7 @@ def section(kinds: Sequence[Kind], faces: Faces, drawing: CuttingPlane, reach: f
         step /= 2
         t_in, t_out = way(middle[:, None] + (low + step) * around, drawing.normal[:, None])
         low = np.where(t_in < t_out, low + step, low)
-    outline = np.array([drawing.project(p) for p in (middle[:, None] + low * around).T])
+    outline = drawing.project((middle[:, None] + low * around).T)
 
     # The cut, as seen from the mean of its points among many.
     off = drawing.normal * ((middle - drawing.center) @ drawing.normal)
@@ -333,7 +332,7 @@ def section(kinds: Sequence[Kind], faces: Faces, drawing: CuttingPlane, reach: f
         return Section(shapes.NO_POINTS, True, outline)
     start = points[:, inside].mean(axis=1)[:, None]
     cut = start + way(start, around)[1] * around
-    return Section(np.array([drawing.project(p) for p in cut.T]), True, outline)
+    return Section(drawing.project(cut.T), True, outline)
 
 
 def solid(coefficients: Callable[[Any], dict[str, Array]], *kinds: Kind) -> ShapeType:
