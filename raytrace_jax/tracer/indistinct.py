@@ -26,7 +26,7 @@ def _in_view(given: Scene) -> list[str]:
     scene = with_planes(given)
     blocks = shape_blocks(scene)
     solid = np.array([SHAPE_TYPES[shape.type.group].has_inside for shape in blocks], bool)
-    clear = [bool(np.any(material_of(scene, shape).read(scene, "transmission") != 0)) for shape in blocks]
+    clear = np.array([material_of(scene, shape).read(scene, "transmission") != 0 for shape in blocks], bool)
     glass = solid & clear
     if not glass.any():
         return []
