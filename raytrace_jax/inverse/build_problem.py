@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
@@ -27,6 +26,7 @@ from ..scene.scene import Scene
 from ..tracer.pixels import refuse_too_large
 from ..tracer.settings import ResolvedSettings
 from ..util.checked import refuse_other
+from ..util.files import StrPath
 from ..util.text import did_you_mean, listed, quoted
 from .options import FitOptions
 from .problem.fixed import root_covariance, stated_uncertainties, with_known_offsets
@@ -202,9 +202,7 @@ def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[S
     return set_parameters(scene, values), names, ties
 
 
-def as_file_says(
-    options: FitOptions, targets: Iterable[str | os.PathLike[str]], scene: Scene, free: Sequence[str]
-) -> FitOptions:
+def as_file_says(options: FitOptions, targets: Iterable[StrPath], scene: Scene, free: Sequence[str]) -> FitOptions:
     """The options with what the targets' files say of how they were made, where nothing else was said; may warn.
 
     The sampling is taken where all files say the same.

@@ -13,11 +13,10 @@ from ..scene.scene import Scene
 from ..scene.structs import AbbeMaterials, ChannelMaterials
 from ..util.digits import with_error
 from ..util.text import listed
+from .problem.unknowns import Covariance
 
 
-def fitted_dispersions(
-    scene: Scene, names: Sequence[str], covariance: Float[np.ndarray, "parameters parameters"]
-) -> dict[str, Dispersion]:
+def fitted_dispersions(scene: Scene, names: Sequence[str], covariance: Covariance) -> dict[str, Dispersion]:
     """The dispersion by name of each material whose Abbe's number is free, or whose three indices are.
 
     It is that of the indices that the picture's channels have shown, so what a catalogue would say of them: Abbe's

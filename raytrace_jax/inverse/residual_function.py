@@ -16,7 +16,7 @@ from ..scene.scene import Scene
 from ..tracer.rendering import picture_at
 from ..tracer.settings import RenderSettings, ResolvedSettings, resolve_settings
 from ..util.checked import refuse_other
-from ..util.numerics import is_traced, real_numbers, with_lower_ranks
+from ..util.numerics import is_traced, on_host, real_numbers, with_lower_ranks
 from .build_problem import OfViews, build_problem
 from .judge.uncertainty import quantify_uncertainty
 from .options import FitOptions, Stage
@@ -24,7 +24,7 @@ from .problem.linearize import gauss_newton_step
 from .problem.observation import Observation
 from .problem.problem import FitState, Problem
 from .problem.sampling import lattice_size, resampled, supersampled
-from .problem.unknowns import Covariance, Unknowns, Values, make_prior
+from .problem.unknowns import Covariance, Unknowns, Values, Vector, make_prior
 
 
 class PictureResidual(eqx.Module):
@@ -43,7 +43,7 @@ class PictureResidual(eqx.Module):
         others: of a scene of several cameras those of the others, whose `scene` has their camera first.
     """
 
-    start: Float[Array, " parameters"]
+    start: Vector
     scene: Scene
     observation: Observation
     unknowns: Unknowns = eqx.field(static=True)
@@ -52,18 +52,18 @@ class PictureResidual(eqx.Module):
     others: tuple["PictureResidual", ...] = ()
 
     @property
-    def lower(self) -> Float[Array, " parameters"]:
+    def lower(self) -> Vector:
         """The least value of each unknown, minus infinity where there is none."""
         return jnp.asarray(self.unknowns.reach[0], self.start.dtype)
 
     @property
-    def upper(self) -> Float[Array, " parameters"]:
+    def upper(self) -> Vector:
         """The largest value of each unknown, infinity where there is none."""
         return jnp.asarray(self.unknowns.reach[1], self.start.dtype)
 
     @with_lower_ranks
     def residual(
-        self, y: Float[Array, " parameters"], args: Float[ArrayLike, ""] | None = None
+        self, y: Vector, args: Float[ArrayLike, ""] | None = None
     ) -> Float[Array, "3 height width"] | tuple[Float[Array, "3 _ _"], ...]:
         """Picture minus target, weighted; an error where rays find no room, as `render` raises it.
 
@@ -77,12 +77,12 @@ class PictureResidual(eqx.Module):
         each = tuple(view._blurred(y, blur) for view in (self, *self.others))
         return each if self.others else each[0]
 
-    def _blurred(self, y: Float[Array, " parameters"], blur: Float[Array, ""]) -> Float[Array, "3 height width"]:
+    def _blurred(self, y: Vector, blur: Float[Array, ""]) -> Float[Array, "3 height width"]:
         """The blurred residual of the first camera alone."""
         image = picture_at(y, self.scene.alone(), self.unknowns.seen_in(self.scene), self.settings)
         return gaussian_blur(self.observation.residual(image), blur)
 
-    def _checked(self, y: ArrayLike) -> Float[Array, " parameters"]:
+    def _checked(self, y: ArrayLike) -> Vector:
         """The unknowns as an array. Raises ParameterError: there are not as many, or they are no real numbers."""
         try:
             unknowns = y if isinstance(y, Array) else jnp.asarray(real_numbers(y), self.start.dtype)
@@ -100,7 +100,7 @@ class PictureResidual(eqx.Module):
         """The value of each free parameter at unknowns `y`."""
         return dict(zip(self.unknowns.names, self.unknowns.values(self._checked(y)), strict=True))
 
-    def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
+    def scene_at(self, y: Vector) -> Scene:
         """The scene at unknowns `y`."""
         return self.unknowns.moved(self.scene, self._checked(y))
 
@@ -218,7 +218,7 @@ def covariance(
     states = [_state_at(_problem_of(each).in_own_unit(first.unit), each, place) for each in problems]
     state = states[0].of_views(states)
     # The Gauss-Newton step to the minimum of all sums of squares, cut off at the bounds.
-    y = np.asarray(state.y, np.float64)
+    y = on_host(state.y)
     step = np.clip(y + gauss_newton_step(state.joint), *reach) - y
     state = dataclasses.replace(state, next_step=step)
     uncertainty = quantify_uncertainty(state, None if sigma is None else sigma / first.unit)

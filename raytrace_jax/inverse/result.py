@@ -5,23 +5,24 @@ import functools
 import html
 import itertools
 import math
-import os
 from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..errors import ParameterError
 from ..optics.dispersion import Dispersion
 from ..scene.scene import Scene
 from ..tracer.settings import ResolvedSettings
 from ..util.digits import value_and_error, with_error
+from ..util.files import StrPath
 from ..util.text import aligned, did_you_mean, listed
 from .dispersion import dispersion_words, fitted_dispersions
 from .judge.model_check import Dependence, ModelCheck
 from .judge.uncertainty import Uncertainty, correlation_of
 from .judge.views import ViewAlone
+from .problem.unknowns import Covariance, Image, Mask, Values
 from .result_file import load_record
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
@@ -52,7 +53,7 @@ class FitStep:
     step: int
     cost: float
     accepted: bool
-    value: Float[np.ndarray, " parameters"]
+    value: Values
     seconds: float
 
 
@@ -69,7 +70,7 @@ class Minimum:
     """
 
     candidate: int
-    value: Float[np.ndarray, " parameters"]
+    value: Values
     rms_residual: float
     level: int
     explained: bool
@@ -150,11 +151,11 @@ class ViewPictures:
     """
 
     settings: ResolvedSettings
-    target: Float[np.ndarray, "3 height width"]
-    weights: Float[np.ndarray, "3 height width"]
+    target: Image
+    weights: Image
     target_samples: int | None
-    start_image: Float[np.ndarray, "3 height width"] | None = None
-    image: Float[np.ndarray, "3 height width"] | None = None
+    start_image: Image | None = None
+    image: Image | None = None
     rms_residual: float = math.nan
     typical_residual: float = math.nan
     left_out: int = 0
@@ -193,8 +194,8 @@ class FitResult(ViewPictures):
     advice: str
     at_bound: tuple[tuple[str, float], ...]
     names: tuple[str, ...]
-    value: Float[np.ndarray, " parameters"]
-    initial: Float[np.ndarray, " parameters"]
+    value: Values
+    initial: Values
     units: tuple[str, ...]
     priors: tuple[tuple[str, float, float], ...]
     ties: tuple[tuple[str, str], ...]
@@ -230,7 +231,7 @@ class FitResult(ViewPictures):
         return {camera: self.seen_by(camera) for camera in self.scene.cameras}
 
     @property
-    def counts(self) -> Bool[np.ndarray, "height width"]:
+    def counts(self) -> Mask:
         """The pixels with a weight in any channel."""
         return np.any(self.weights > 0, axis=0)
 
@@ -245,22 +246,22 @@ class FitResult(ViewPictures):
         return 1 + int(np.searchsorted(np.cumsum(squares), 0.9 * total)) if total > 0 else 0
 
     @property
-    def standard_error(self) -> Float[np.ndarray, " parameters"]:
+    def standard_error(self) -> Values:
         """One standard deviation of each estimate, of noise alone."""
         return self.uncertainty.standard_error
 
     @property
-    def systematic_error(self) -> Float[np.ndarray, " parameters"]:
+    def systematic_error(self) -> Values:
         """One standard deviation from stated uncertainties and model errors seen in the residual; 0 without them."""
         return np.sqrt(np.diagonal(self.check.covariance))
 
     @property
-    def total_error(self) -> Float[np.ndarray, " parameters"]:
+    def total_error(self) -> Values:
         """One standard deviation of each estimate, from noise and systematic errors together."""
         return np.hypot(self.standard_error, self.systematic_error)
 
     @property
-    def total_correlation(self) -> Float[np.ndarray, "parameters parameters"]:
+    def total_correlation(self) -> Covariance:
         """The correlation matrix of the estimates, from noise and systematic errors together."""
         return correlation_of(self.uncertainty.covariance + self.check.covariance)
 
@@ -323,7 +324,7 @@ class FitResult(ViewPictures):
         heads, rows = estimate_table(self.parameters.values())
         return "\n".join([*aligned([heads, *rows]), last_word(self)])
 
-    def save(self, folder: str | os.PathLike[str], *, long: bool = False, pdf: bool = False) -> None:
+    def save(self, folder: StrPath, *, long: bool = False, pdf: bool = False) -> None:
         """Write the report of a fit into a folder.
 
         The files are `result.json` and `fit.txt`, with the pictures of its textures, and then `result.npz`, which
@@ -347,7 +348,7 @@ class FitResult(ViewPictures):
         write_report(self, folder, long, pdf)
 
     @staticmethod
-    def load(folder: str | os.PathLike[str]) -> "FitResult":
+    def load(folder: StrPath) -> "FitResult":
         """The result whose report lies in a folder, number for number.
 
         Its scene is in float64 only with `jax_enable_x64`, if the fit's was.

@@ -1,7 +1,6 @@
 """A record of a fit as a file: arrays, plain values, and the scene beside them."""
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,13 @@ from .._version import __version__
 from ..errors import RaytraceError
 from ..scene.reader import load_scene
 from ..scene.scene import Scene
-from ..util.files import atomic_write, read_bytes
+from ..util.files import StrPath, atomic_write, read_bytes
 
 FILE, SCENE_FILE = "result.npz", "fit.txt"
 """The names of the file and of the scene's beside it, in the folder of a report."""
 
 
-def save_record(record: object, folder: str | os.PathLike[str]) -> None:
+def save_record(record: object, folder: StrPath) -> None:
     """Write all of a record, a dataclass, but its scene, which `fit.txt` has, into a folder.
 
     Arrays of more than 1000 numbers are entries of their own. The entry `fields` has all else, as JSON in which NaN and
@@ -47,7 +46,7 @@ def save_record(record: object, folder: str | os.PathLike[str]) -> None:
         np.savez(temporary, **arrays, fields=np.array(fields))  # type: ignore[arg-type]
 
 
-def load_record(folder: str | os.PathLike[str], kind: type[Any]) -> Any:
+def load_record(folder: StrPath, kind: type[Any]) -> Any:
     """The record of a kind that `save_record` wrote into a folder; its scene is in float32 where JAX computes in that.
 
     Raises:

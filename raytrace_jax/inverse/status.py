@@ -11,7 +11,7 @@ from jaxtyping import Bool
 
 from ..scene.parameters import resolve
 from ..scene.setting_words import EdgeMode
-from ..util.numerics import MAD_TO_SIGMA
+from ..util.numerics import MAD_TO_SIGMA, on_host
 from ..util.text import listed
 from .build_problem import FitSetup
 from .judge.model_check import Contradiction, ModelCheck, contradicted, short_count
@@ -308,7 +308,7 @@ def opposed_status(opposed: str, verdict: Verdict) -> Verdict:
 
 def pictures_of(view: Problem, edges: EdgeMode) -> ViewPictures:
     """What there is of a view before it is solved."""
-    weights = (np.asarray(view.observation.root_weight, np.float64) * view.unit) ** 2
+    weights = (on_host(view.observation.root_weight) * view.unit) ** 2
     target = np.ascontiguousarray(view.observation.target)
     return ViewPictures(dataclasses.replace(view.base, edges=edges), target, weights, view.samples)
 

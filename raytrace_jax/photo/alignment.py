@@ -16,10 +16,7 @@ from scipy.ndimage import shift as moved_by
 from ..images.jpeg import JpegStorage
 from .boards import CharucoBoard
 from .geometry import Seen
-from .photograph import RAYS, Corners, offsets
-
-Places = Float[np.ndarray, "n 2"]
-"""Pixels of a photograph, or places of the board."""
+from .photograph import RAYS, Corners, Places, offsets
 
 HALF, MARGIN = 13, 6
 """Half a patch's side, and how far beyond it its blur looks, in pixels."""

@@ -2,7 +2,6 @@
 
 import importlib
 import math
-import os
 import re
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,8 +14,14 @@ from jaxtyping import Float, Int, UInt8
 
 from ..errors import RaytraceError
 from ..scene.reader import parse_scene
-from ..util.files import read_bytes
+from ..util.files import StrPath, read_bytes
+from ..util.numerics import on_host
 from ..util.text import install
+
+Quads = Float[np.ndarray, "markers 4 2"]
+"""The corners of markers, clockwise from the upper left."""
+
+MarkerNumbers = Int[np.ndarray, " markers"]
 
 LEAST_CORNERS = 20
 """The fewest corners of a board, and of a photograph; a camera has up to nine free numbers."""
@@ -59,8 +64,8 @@ class CharucoBoard:
     dictionary: str
     half: Float[np.ndarray, "2"]
     square: float
-    ids: Int[np.ndarray, " markers"]
-    markers: Float[np.ndarray, "markers 4 2"]
+    ids: MarkerNumbers
+    markers: Quads
     corners: Float[np.ndarray, "corners 2"]
     texture: Float[np.ndarray, "rows columns"]
 
@@ -80,7 +85,7 @@ class CharucoBoard:
         return np.where(inside, self.texture[nearest], np.nan)
 
 
-def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
+def read_board(path: StrPath) -> CharucoBoard:
     """Read a board from the blocks of a scene, in whose picture OpenCV finds its markers.
 
     They are those that `raytrace-jax board` writes, or any picture of a ChArUco board on a rectangle of its size.
@@ -105,9 +110,9 @@ def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
             f"{path}: has {len(scene.images.texels)} pictures and {scene.rectangles.center.shape[1]} rectangles; "
             "a board is one rectangle with one picture, as `raytrace-jax board` writes it."
         )
-    sides = np.asarray(scene.rectangles.right, np.float64), np.asarray(scene.rectangles.up, np.float64)
+    sides = on_host(scene.rectangles.right), on_host(scene.rectangles.up)
     half = np.array([np.linalg.norm(side[:, 0]) for side in sides])
-    texture = np.asarray(scene.images.texels[0], np.float64).mean(axis=0)
+    texture = on_host(scene.images.texels[0]).mean(axis=0)
     name, ids, found = _markers_in(texture, path)
 
     # From the texture's pixels, whose corners are whole numbers, to the board's plane.
@@ -134,9 +139,7 @@ def read_board(path: str | os.PathLike[str]) -> CharucoBoard:
     return CharucoBoard(path, name, half, square, ids, markers, corners, texture)
 
 
-def _markers_in(
-    texture: Float[np.ndarray, "rows columns"], path: Path
-) -> tuple[str, Int[np.ndarray, " markers"], Float[np.ndarray, "markers 4 2"]]:
+def _markers_in(texture: Float[np.ndarray, "rows columns"], path: Path) -> tuple[str, MarkerNumbers, Quads]:
     """The dictionary of a board's markers, their numbers, and their corners in the texture."""
     dark, light = np.percentile(texture, (5, 95))
     grey = np.round(255 * np.clip((texture - dark) / max(light - dark, 1e-9), 0, 1)).astype(np.uint8)
@@ -161,9 +164,7 @@ def _markers_in(
     return best
 
 
-def decoded(
-    grey: UInt8[np.ndarray, "height width"], dictionary: str, how: Any = None
-) -> tuple[Float[np.ndarray, "markers 4 2"], Int[np.ndarray, " markers"]]:
+def decoded(grey: UInt8[np.ndarray, "height width"], dictionary: str, how: Any = None) -> tuple[Quads, MarkerNumbers]:
     """The corners and numbers of a dictionary's markers in a picture; `how` are parameters of OpenCV's detector."""
     aruco = opencv("a photograph of a board").aruco
     markers = aruco.getPredefinedDictionary(getattr(aruco, dictionary))
@@ -173,7 +174,7 @@ def decoded(
     return np.reshape(corners, (-1, 4, 2)).astype(np.float64), np.ravel(ids).astype(int)
 
 
-def _corners_between(markers: Float[np.ndarray, "markers 4 2"]) -> tuple[float, Float[np.ndarray, "corners 2"]]:
+def _corners_between(markers: Quads) -> tuple[float, Float[np.ndarray, "corners 2"]]:
     """The side of a board's squares, and its corners: those that the squares of two markers have in common.
 
     Markers lie in the middles of the white squares, which touch along diagonals.

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from ..util.compilation import jit
 from ..util.numerics import TINY
 from .geometry import LENS, LOST, Ball, Camera, Liquid, Seen, Setup, Tank, inverse_of
-from .lens import LensPrior, Turn
+from .lens import LensPrior, PictureSize, Turn
 from .photograph import Corners
 
 Free = Float[np.ndarray, " free"]
@@ -44,7 +44,7 @@ class PhotoView(NamedTuple):
     """
 
     setup: Setup
-    size: tuple[int, int]
+    size: PictureSize
     direct: Corners
     through: Corners
     turn: Turn = Turn()

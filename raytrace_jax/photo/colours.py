@@ -15,6 +15,7 @@ from ..images.jpeg import JpegStorage
 from .alignment import ColourPatches
 from .geometry import Setup
 from .locate import Located
+from .photograph import Places
 from .sight import Projection
 
 WAVELENGTHS = ((600.0, 8.0), (540.0, 8.0), (460.0, 8.0))
@@ -112,9 +113,7 @@ def _off_by_an_error(located: Located) -> Setup:
     return located.setup.at(located.setup.vector + column / np.sqrt(max(column[index], 1e-300)))
 
 
-def _design(
-    pixels: Float[np.ndarray, "n 2"], slopes: Float[np.ndarray, "n 2"], size: tuple[int, int]
-) -> Float[np.ndarray, "5 n 2"]:
+def _design(pixels: Places, slopes: Places, size: tuple[int, int]) -> Float[np.ndarray, "5 n 2"]:
     """How corners move in the picture with a lens's lateral colour, and with the index.
 
     The rows are a shift along both axes, the scale, which is a pixel at the picture's corner, its growth with the

@@ -14,7 +14,7 @@ from .alignment import align, best_blur
 from .boards import LEAST_CORNERS, CharucoBoard, opencv
 from .bundle import AdjustedView, Measured, PhotoView, adjust, known_before
 from .geometry import Camera, Liquid, Setup
-from .lens import LensPrior, Turn, uncalibrated
+from .lens import LensPrior, PictureSize, Turn, uncalibrated
 from .markers import find_markers
 from .photograph import Corners, Photograph
 from .sight import Projection
@@ -84,7 +84,7 @@ def find_camera(
     return FoundCamera(**vars(done), view=PhotoView(done.setup, size, corners, Corners.none()), blur=blur)
 
 
-def _pose(corners: Corners, fov: float, lens: LensPrior, size: tuple[int, int]) -> Camera:
+def _pose(corners: Corners, fov: float, lens: LensPrior, size: PictureSize) -> Camera:
     """A camera with this angle of view that sees the corners (OpenCV's `solvePnP`)."""
     cv2 = opencv("a photograph of a board")
     points, matrix = np.pad(corners.places, ((0, 0), (0, 1))), lens.camera_matrix(size, fov)
@@ -126,7 +126,7 @@ class Calibrated(NamedTuple):
     """
 
     lens: LensPrior
-    size: tuple[int, int]
+    size: PictureSize
     names: tuple[str, ...]
     each: tuple[LensPrior, ...]
     sigma: tuple[float, ...]
@@ -185,7 +185,7 @@ def _those_that(
     return shown
 
 
-def one_size(photographs: Sequence[Photograph]) -> tuple[int, int]:
+def one_size(photographs: Sequence[Photograph]) -> PictureSize:
     """The size that all photographs have on the sensor. Raises PictureError where they differ."""
     size = photographs[0].size_on_sensor
     for one in photographs:

@@ -1,6 +1,5 @@
 """What is known of a camera's lens, and a file for it: TOML with its numbers, their covariance, its pictures' size."""
 
-import os
 import tomllib
 import warnings
 from typing import NamedTuple
@@ -10,7 +9,10 @@ from jaxtyping import Float
 
 from ..errors import RaytraceError, RaytraceWarning
 from ..images.exif import BACK
-from ..util.files import read_bytes, write_text
+from ..util.files import StrPath, read_bytes, write_text
+
+PictureSize = tuple[int, int]
+"""Width and height in pixels."""
 
 LensNumbers = Float[np.ndarray, "5"]
 """Angle of view in degrees, k1, k2, and the principal point in widths of the picture."""
@@ -36,7 +38,7 @@ class LensPrior(NamedTuple):
     def errors(self) -> LensNumbers:
         return np.sqrt(np.diagonal(self.covariance))
 
-    def camera_matrix(self, size: tuple[int, int], fov: float) -> Float[np.ndarray, "3 3"]:
+    def camera_matrix(self, size: PictureSize, fov: float) -> Float[np.ndarray, "3 3"]:
         """OpenCV's camera matrix for pictures of this width and height, with this angle of view in degrees."""
         focal = size[0] / (2 * np.tan(np.radians(fov) / 2))
         across, down = (np.asarray(size) - 1) / 2 + self.mean[3:] * size[0]
@@ -67,7 +69,7 @@ class Turn(NamedTuple):
         before, after: how EXIF says that the other one, and this one, are turned; 1 is as the sensor has it.
     """
 
-    size: tuple[int, int] = (1, 1)
+    size: PictureSize = (1, 1)
     before: int = 1
     after: int = 1
 
@@ -89,7 +91,7 @@ class Turn(NamedTuple):
         return mean, places, factors
 
 
-def _turned(mean: LensNumbers, orientation: int, size: tuple[int, int]):
+def _turned(mean: LensNumbers, orientation: int, size: PictureSize):
     """As `Turn`, of one turn to or from the sensor."""
     mean, places, factors = np.array(mean), np.arange(5), np.ones(5)
     if orientation > 4:
@@ -103,7 +105,7 @@ def _turned(mean: LensNumbers, orientation: int, size: tuple[int, int]):
     return mean * signs, places, signs * factors
 
 
-def write_lens(path: str | os.PathLike[str], lens: LensPrior, size: tuple[int, int], comment: str) -> None:
+def write_lens(path: StrPath, lens: LensPrior, size: PictureSize, comment: str) -> None:
     """Write a lens, with a comment on where it comes from; `size` is that of its pictures, as the sensor has them."""
     rows = ",\n  ".join("[" + ", ".join(f"{x:.12g}" for x in row) + "]" for row in lens.covariance)
     text = (
@@ -118,7 +120,7 @@ def write_lens(path: str | os.PathLike[str], lens: LensPrior, size: tuple[int, i
     write_text(path, text)
 
 
-def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> LensPrior:
+def read_lens(path: StrPath, size: PictureSize) -> LensPrior:
     """Read a lens, as `raytrace-jax calibrate` writes it, for a picture of this size on the sensor.
 
     Of a lens whose pictures are as high as this one is wide, as programs turn them, a RaytraceWarning tells.

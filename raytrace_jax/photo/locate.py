@@ -8,17 +8,16 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from ..errors import PictureError
 from ..util.digits import with_error
 from .alignment import align
-from .boards import CharucoBoard
+from .boards import CharucoBoard, Quads
 from .bundle import Adjusted, AdjustedView, Measured, PhotoView, Prior, adjust, known_before
 from .find_ball import find_ball
 from .find_camera import LARGEST_SCATTER, FoundCamera, find_camera, one_lens, one_size
 from .geometry import LENS, Ball, Setup, Tank
-from .lens import LensPrior
+from .lens import LensPrior, PictureSize
 from .markers import Layers, layers_of, markers_in
 from .outline import Disc, NothingThrough, find_discs
 from .photograph import Corners, Photograph
@@ -42,7 +41,7 @@ class Located(AdjustedView):
     """
 
     board: CharucoBoard
-    size: tuple[int, int]
+    size: PictureSize
     blur: float
 
     @property
@@ -70,7 +69,7 @@ class PhotoResult:
     """
 
     photograph: Photograph
-    markers: Float[np.ndarray, "markers 4 2"] = field(default_factory=lambda: np.zeros((0, 4, 2)))
+    markers: Quads = field(default_factory=lambda: np.zeros((0, 4, 2)))
     direct: Corners = field(default_factory=Corners.none)
     through: Corners = field(default_factory=Corners.none)
     discs: list[Disc] = field(default_factory=list)

@@ -5,16 +5,13 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import UInt8
 
 from ..errors import PictureError
-from .boards import CharucoBoard, decoded, opencv
+from .boards import CharucoBoard, MarkerNumbers, Quads, decoded, opencv
 from .lens import LensPrior
 from .outline import NothingThrough
 from .photograph import Corners, Photograph
-
-Quads = Float[np.ndarray, "markers 4 2"]
-"""The corners of markers, clockwise from the upper left."""
 
 Grey = UInt8[np.ndarray, "height width"]
 """A picture of 8 bits, as OpenCV reads it."""
@@ -83,7 +80,7 @@ def _neighbours(places: Quads, corners: Quads, square: float) -> tuple[int, int]
     return int(np.sum(is_near & fits)), int(np.sum(is_near))
 
 
-def markers_in(grey: Grey, dictionary: str) -> tuple[Quads, Int[np.ndarray, " markers"]]:
+def markers_in(grey: Grey, dictionary: str) -> tuple[Quads, MarkerNumbers]:
     """The markers of a photograph, which may be small."""
     return _markers_of(grey.tobytes(), grey.shape, dictionary)
 
@@ -99,7 +96,7 @@ def _markers_of(grey: bytes, shape: tuple[int, int], dictionary: str):
     return decoded(np.frombuffer(grey, np.uint8).reshape(shape), dictionary, how)
 
 
-def markers_of(grey: Grey, board: CharucoBoard) -> tuple[Quads, Int[np.ndarray, " markers"], int]:
+def markers_of(grey: Grey, board: CharucoBoard) -> tuple[Quads, MarkerNumbers, int]:
     """The markers of a board in a photograph, which of the board's each is, and how many are of another board."""
     corners, ids = markers_in(grey, board.dictionary)
     photographed, place = np.nonzero(ids[:, None] == board.ids)

@@ -5,7 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from .lens import Turn
+from .lens import PictureSize, Turn
+
+Places = Float[np.ndarray, "n 2"]
+"""Pixels of a photograph, or places of the board."""
 
 RAYS = 9
 """Rays of a pixel; the board's brightness in the pixel is the mean over all of them."""
@@ -27,12 +30,12 @@ class Photograph(NamedTuple):
     orientation: int = 1
 
     @property
-    def size(self) -> tuple[int, int]:
+    def size(self) -> PictureSize:
         """Width and height."""
         return self.light.shape[1], self.light.shape[0]
 
     @property
-    def size_on_sensor(self) -> tuple[int, int]:
+    def size_on_sensor(self) -> PictureSize:
         """Width and height before it was turned."""
         width, height = self.size
         return (width, height) if self.orientation < 5 else (height, width)
@@ -51,8 +54,8 @@ class Corners(NamedTuple):
         spread: the standard deviation of each, of its worse direction, in pixels.
     """
 
-    pixels: Float[np.ndarray, "n 2"]
-    places: Float[np.ndarray, "n 2"]
+    pixels: Places
+    places: Places
     spread: Float[np.ndarray, " n"]
 
     @classmethod
@@ -94,11 +97,11 @@ class PixelGrid(NamedTuple):
 
     binning: int
     left: tuple[int, int]
-    size: tuple[int, int]
+    size: PictureSize
     window: tuple[int, int, int, int]
 
     @classmethod
-    def of(cls, photograph: tuple[int, int], binning: int) -> "PixelGrid":
+    def of(cls, photograph: PictureSize, binning: int) -> "PixelGrid":
         """The grid of a whole photograph of this width and height; what fills no pixel at its borders is left out."""
         size = photograph[0] // binning, photograph[1] // binning
         left = (photograph[0] - size[0] * binning) // 2, (photograph[1] - size[1] * binning) // 2

@@ -12,6 +12,8 @@ from scipy.spatial import KDTree
 
 from ..util.compilation import jit
 from .geometry import Camera, Seen, Setup, Tank
+from .lens import PictureSize
+from .photograph import Places
 
 REACH = 0.94
 """What is seen through the glass counts within this fraction of the outline's radius: the rim is squashed and shows the
@@ -19,8 +21,6 @@ room."""
 
 AT_ONCE = 1 << 12
 """The size of compiled programs in rays, which all photographs share. With more, few rays take as long as many."""
-
-PixelPlaces = Float[np.ndarray, "n 2"]
 
 
 class Projection:
@@ -31,24 +31,24 @@ class Projection:
         size: width and height of the photograph.
     """
 
-    def __init__(self, setup: Setup, size: tuple[int, int]):
+    def __init__(self, setup: Setup, size: PictureSize):
         self.setup, self.size = setup, size
 
-    def directly(self, pixels: PixelPlaces) -> Seen:
+    def directly(self, pixels: Places) -> Seen:
         """The place on the board's plane that each pixel sees if nothing is in the way, and whether it sees one."""
         return self._by("see", self.setup.beside, pixels)
 
-    def through(self, pixels: PixelPlaces) -> Seen:
+    def through(self, pixels: Places) -> Seen:
         return self._by("see", self.setup, pixels)
 
-    def where(self, places: Float[np.ndarray, "n 2"]) -> PixelPlaces:
+    def where(self, places: Places) -> Places:
         """The pixels in which places of the board are seen directly."""
         pixels = self._project(places)
         for _ in range(6 if self.setup.liquid else 0):  # Nearly where they would be in air: each round is nearer.
             pixels = pixels + self._project(places) - self._project(self.directly(pixels).place)
         return pixels
 
-    def index_slope(self, pixels: PixelPlaces) -> PixelPlaces:
+    def index_slope(self, pixels: Places) -> Places:
         """How far places that pixels see through the glass move in the picture per unit of its index."""
         glass, step = self.setup.glass, 2e-3  # About as much as colours differ.
         ahead, behind = (
@@ -58,7 +58,7 @@ class Projection:
         moved = (ahead.through(pixels).place - behind.through(pixels).place) / (2 * step)
         return -np.linalg.solve(self._by("local_map", self.setup, pixels), moved[..., None])[..., 0]
 
-    def _project(self, places: Float[np.ndarray, "n k"]) -> PixelPlaces:
+    def _project(self, places: Float[np.ndarray, "n k"]) -> Places:
         """The pixels of points, or of places of the board; about, if they lie in a liquid: they seem to be nearer."""
         points = np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
         if (liquid := self.setup.liquid) is not None:
@@ -66,8 +66,8 @@ class Projection:
         return self._by("project", self.setup.camera, points)
 
     def where_through(
-        self, places: Float[np.ndarray, "n 2"], half: Float[np.ndarray, "2"], reach: float = REACH
-    ) -> tuple[PixelPlaces, Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        self, places: Places, half: Float[np.ndarray, "2"], reach: float = REACH
+    ) -> tuple[Places, Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """The pixels in which places of the board are seen through the ball, by Newton's method from a grid of rays.
 
         Nothing counts as seen beyond half the board's width and height, and beyond `reach` outline radii.

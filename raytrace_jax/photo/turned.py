@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import PictureError, RaytraceWarning
 from .boards import CharucoBoard
 from .find_camera import FoundCamera, find_camera, one_lens, one_size
-from .lens import LensPrior, Turn, uncalibrated
+from .lens import LensPrior, PictureSize, Turn, uncalibrated
 from .markers import layers_of
 from .photograph import Photograph
 
@@ -77,7 +77,7 @@ def turned_alike(photographs: Sequence[Photograph], board: CharucoBoard, *, is_t
     return found
 
 
-def _turns_that_fit(camera: FoundCamera, lens: LensPrior, size: tuple[int, int]) -> list[int]:
+def _turns_that_fit(camera: FoundCamera, lens: LensPrior, size: PictureSize) -> list[int]:
     """The turns by which a photograph's lens is the given one, which is as the sensor has it."""
     fitting = []
     for orientation in QUARTERS:

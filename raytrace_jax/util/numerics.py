@@ -228,6 +228,11 @@ def on_device(value: Any, dtype: DTypeLike | None = None) -> Array:
         return jax.device_put(np.array(value, dtype))
 
 
+def on_host(value: Any) -> Float[np.ndarray, "*any"]:
+    """A value, such as an array of JAX, as an array of NumPy in float64."""
+    return np.asarray(value, np.float64)
+
+
 def real_numbers(values: object) -> np.ndarray:
     """Values as an array of real numbers, of which those that `numpy.ma` masks are NaN.
 

@@ -14,7 +14,7 @@ from ...scene.parameters import Parameter, resolve
 from ...scene.scene import Scene, map_scenes
 from ...tracer.geometry.camera import pixel_step
 from ...tracer.pixels import sample_offsets
-from ...util.numerics import TINY
+from ...util.numerics import TINY, on_host
 from ..problem.fixed import inward_step, moved_together, number_size
 from ..problem.problem import FitState, Problem
 from ..problem.unknowns import Image, Mask
@@ -104,7 +104,7 @@ class SampledPicture:
         """The whole picture before the film, where the scene has a film."""
         is_needed = self.problem.camera.is_needed
         found = self.problem.radiance(self.state.y, self.state.stage.edges) if is_needed else None
-        return None if found is None else np.asarray(found.image, np.float64)
+        return None if found is None else on_host(found.image)
 
     @functools.cached_property
     def sampled(self) -> PixelSample:
@@ -126,7 +126,7 @@ class SampledPicture:
 
     @property
     def root_weight(self) -> Float[np.ndarray, "3 pixels"]:
-        return self.sampled.of(np.asarray(self.problem.observation.root_weight, np.float64))
+        return self.sampled.of(on_host(self.problem.observation.root_weight))
 
     def render(
         self, scenes: Scene, is_aware: bool, offsets: Sequence[Sequence[float]] = ((0.0, 0.0),), thin: int = 1
@@ -147,7 +147,7 @@ class SampledPicture:
                 self.check_clock()
                 points = self.problem.points(column + right, row + down)
                 images.append(self.problem.model.points(chunk, points, self.problem.base, pixel))
-            rendered.append(np.mean(np.asarray(images, np.float64), axis=0))
+            rendered.append(np.mean(on_host(images), axis=0))
         return np.concatenate(rendered)
 
     def derivative(self, change, step: Float[np.ndarray, " changes"], size: Float[np.ndarray, " changes"]):
@@ -192,8 +192,8 @@ def pixels_to_check(
     counts, linearization = state.problem.observation.counts, state.linearization
     decides = np.ones(counts.shape)
     if state.stage.edges == "point":
-        length = np.linalg.norm(np.asarray(linearization.jacobian, np.float64), axis=0)
-        jacobian = np.asarray(linearization.pixel_jacobian, np.float64) / np.maximum(length, TINY)[:, None, None, None]
+        length = np.linalg.norm(on_host(linearization.jacobian), axis=0)
+        jacobian = on_host(linearization.pixel_jacobian) / np.maximum(length, TINY)[:, None, None, None]
         decides = np.sqrt(np.sum(jacobian**2, axis=(0, 1)))
     margin, near = margin_at(state), state.problem.extent
     # Where the camera mixes pixels those in the midst of larger blocks are judged, and all around are traced.
@@ -210,7 +210,7 @@ def free_columns(pixels: SampledPicture) -> Float[np.ndarray, "parameters 3 pixe
     """
     problem, unknowns = pixels.problem, pixels.problem.local
     slopes = problem.slopes(pixels.state.y)[:, None, None, None]
-    columns = np.asarray(pixels.state.linearization.pixel_jacobian, np.float64) / np.where(slopes, slopes, 1.0)
+    columns = on_host(pixels.state.linearization.pixel_jacobian) / np.where(slopes, slopes, 1.0)
     columns = pixels.sampled.of(columns)
     numbers = {name: [resolve(problem.scene, name)] for name in unknowns.traced_unknowns.names}
     for follower, leader in unknowns.traced_unknowns.ties:

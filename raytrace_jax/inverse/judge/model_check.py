@@ -10,15 +10,16 @@ import numpy as np
 from jaxtyping import Float
 
 from ...util.digits import with_error
-from ...util.numerics import MAD_TO_SIGMA, TINY, solve_normal
+from ...util.numerics import MAD_TO_SIGMA, TINY, on_host, solve_normal
 from ...util.text import listed
 from ..problem.fixed import fixed_numbers, root_covariance
 from ..problem.noise import sample_jump, storage_bound
 from ..problem.problem import FitState
-from ..problem.unknowns import Image, Values
+from ..problem.unknowns import Covariance, Image, Values
 from .columns import PixelSample, free_columns, pixels_to_check
 from .score_test import (
     Cause,
+    Column,
     Columns,
     Hypothesis,
     Rows,
@@ -48,7 +49,7 @@ class Assumption(NamedTuple):
     value: float
     size: float
     uncertainty: float
-    sensitivity: Float[np.ndarray, " parameters"]
+    sensitivity: Values
     unit: str = ""
 
 
@@ -138,8 +139,8 @@ class ModelCheck:
 
     assumptions: tuple[Assumption, ...]
     causes: tuple[Cause, ...]
-    stated: Float[np.ndarray, "parameters parameters"]
-    structure: Float[np.ndarray, "parameters parameters"]
+    stated: Covariance
+    structure: Covariance
     distant_correlation: float = 0.0
     is_structured: bool = False
     displaced: str = ""
@@ -150,7 +151,7 @@ class ModelCheck:
         return cls((), (), np.zeros((count, count)), np.zeros((count, count)))
 
     @property
-    def covariance(self) -> Float[np.ndarray, "parameters parameters"]:
+    def covariance(self) -> Covariance:
         """That of all systematic errors."""
         return self.stated + self.structure
 
@@ -197,7 +198,7 @@ def expected_error(
     sampled. A few pixels tell what the scene's stated numbers do; the response's are left out. What is stated counts up
     to thirty errors of the noise: a tenth of that is left in no pixel of a picture of ten thousand.
     """
-    problem, triangle = state.problem, np.asarray(state.joint.jacobian, np.float64)
+    problem, triangle = state.problem, on_host(state.joint.jacobian)
     sigma = MAD_TO_SIGMA * state.typical
     variance = sigma**2 * np.diagonal(solve_normal(triangle.T @ triangle, np.eye(triangle.shape[1])))
     if not any(fixed_numbers(view, uncertain).keys() & uncertain for view in problem.views):
@@ -238,7 +239,7 @@ def merged(views: Sequence[Sequence[Hypothesis]], lengths: Sequence[int]) -> lis
     return found
 
 
-def stacked(numbers: Sequence[Hypothesis], weight: Float[np.ndarray, " rows"]) -> Columns:
+def stacked(numbers: Sequence[Hypothesis], weight: Column) -> Columns:
     """The columns of some numbers, of as many rows as there are weights."""
     return np.reshape([number.column for number in numbers], (len(numbers), len(weight)))
 
@@ -308,7 +309,7 @@ def check_model(
         slope = np.where(slope, slope, 1.0)[:, None, None, None]
         scatter = block_scatter(
             [
-                (np.asarray(view.linearization.pixel_jacobian, np.float64) / slope, checked.weight, view.residual)
+                (on_host(view.linearization.pixel_jacobian) / slope, checked.weight, view.residual)
                 for view, checked in zip(state.views, views, strict=True)
             ]
         )
@@ -335,7 +336,7 @@ class CheckedView(NamedTuple):
     weight: Image
     evidence: Image
 
-    def spread_out(self, rows: Float[np.ndarray, " rows"]) -> Image:
+    def spread_out(self, rows: Column) -> Image:
         """Numbers at the sampled pixels as a picture of what each stands for; 0 at other pixels."""
         image = np.zeros(self.weight.shape)
         image[:, self.sampled.row, self.sampled.column] = rows.reshape(3, -1) * self.sampled.probability
@@ -356,11 +357,11 @@ def checked_view(state: FitState, uncertain: Mapping[str, float], check_clock: C
     linearization, observation = state.linearization, state.problem.observation
     pixels = pixels_to_check(state, check_clock=check_clock)
     sampled = pixels.sampled
-    light = np.asarray(linearization.image if pixels.radiance is None else pixels.radiance, np.float64)
+    light = on_host(linearization.image if pixels.radiance is None else pixels.radiance)
     free = free_columns(pixels)
     of_scene = scene_hypotheses(pixels, uncertain)
-    of_response = list(response_hypotheses(pixels, light + np.asarray(observation.bias, np.float64), uncertain))
-    residual, weight = np.asarray(state.residual, np.float64), state.under_loss("weight")
+    of_response = list(response_hypotheses(pixels, light + on_host(observation.bias), uncertain))
+    residual, weight = on_host(state.residual), state.under_loss("weight")
     bound = storage_bound(state.problem)
     evidence = beyond(observation, residual, weight, bound)
     rows = Rows(

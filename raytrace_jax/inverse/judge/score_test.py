@@ -25,7 +25,7 @@ from ...scene.response import (
 )
 from ...scene.scene import CameraResponse
 from ...scene.schema import RGB, Attribute, Range
-from ...util.numerics import TINY, on_device, solve_normal
+from ...util.numerics import TINY, on_device, on_host, solve_normal
 from ..problem.fixed import fixed_numbers, moving_numbers, number_size
 from ..problem.unknowns import Covariance, Image
 from .columns import SampledPicture, number_columns
@@ -35,6 +35,7 @@ SIGNIFICANT = 4.5
 unequal, heavy-tailed or of all channels together, was 4.0 in 840 draws, on pictures of 160 x 120 and of 40 x 30; of
 noise correlated over a pixel 4.8 in 200, more than 4.5 in one of them."""
 
+Column = Float[np.ndarray, " rows"]
 Columns = Float[np.ndarray, "_ rows"]
 
 
@@ -80,7 +81,7 @@ class Hypothesis(NamedTuple):
     value: float
     size: float
     attribute: Attribute
-    column: Float[np.ndarray, " rows"]
+    column: Column
     uncertainty: float = 0.0
     effect: ResponseEffect | None = None
     linear: float = math.inf
@@ -170,7 +171,7 @@ def response_hypotheses(
 
     def developed(film: CameraResponse) -> Image:
         film, frame = without_idle(film), problem.frame()
-        return np.asarray(apply_response_compiled(problem.array(light), film, frame), np.float64)
+        return on_host(apply_response_compiled(problem.array(light), film, frame))
 
     before = developed(film)
     for effect in RESPONSE_EFFECTS:
@@ -207,11 +208,11 @@ class Rows(NamedTuple):
         bound: the largest residual that the storing of the target makes by itself.
     """
 
-    residual: Float[np.ndarray, " rows"]
-    evidence: Float[np.ndarray, " rows"]
-    weight: Float[np.ndarray, " rows"]
+    residual: Column
+    evidence: Column
+    weight: Column
     block: Int[np.ndarray, " rows"]
-    bound: Float[np.ndarray, " rows"]
+    bound: Column
 
 
 def score_columns(rows: Rows, nuisance: Columns, columns: Columns, least_left: Float[np.ndarray, " changes"]):
@@ -255,14 +256,12 @@ def score_columns(rows: Rows, nuisance: Columns, columns: Columns, least_left: F
     return np.where(is_seen & products.any(axis=1), score, 0.0), amount, amount * in_all
 
 
-def orthogonal_to(free: Columns, columns: Columns, weight: Float[np.ndarray, " rows"]) -> Columns:
+def orthogonal_to(free: Columns, columns: Columns, weight: Column) -> Columns:
     """The rest of columns when the free parameters have been fitted to them, `j - J fitted(j)`."""
     return columns - fitted(free, columns, weight).T @ free
 
 
-def fitted(
-    free: Columns, columns: Columns, weight: Float[np.ndarray, " rows"]
-) -> Float[np.ndarray, "parameters changes"]:
+def fitted(free: Columns, columns: Columns, weight: Column) -> Float[np.ndarray, "parameters changes"]:
     """The free parameters' least-squares fit to columns, `(J^T W J)^-1 J^T W j`, J their own columns.
 
     It is 0 along directions that these leave open.

@@ -3,7 +3,6 @@
 import warnings
 
 import numpy as np
-from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from ...errors import PictureError, RaytraceWarning
@@ -11,6 +10,7 @@ from ...scene.parameters import list_parameters
 from ...scene.setting_words import EdgeMode
 from ...util.text import listed
 from ..problem.problem import Problem
+from ..problem.unknowns import Image, Mask
 
 REFUSED, DOUBTED = 0.3, 0.8
 """Correlations below which a target is refused, and its fit warns. Of a board in squares of .6, 160 x 120, an angle of
@@ -39,7 +39,7 @@ def still_correlation(problem: Problem, edges: EdgeMode, binning: int) -> float 
     return float(np.vdot(image, target) / (np.linalg.norm(image) * np.linalg.norm(target)))
 
 
-def centred(picture: Float[np.ndarray, "3 height width"], where: Bool[np.ndarray, "height width"]):
+def centred(picture: Image, where: Mask):
     """The colours there less the mean of each channel, "3 pixels"; None if they vary by less than a tenth of it."""
     colours = picture[:, where].astype(np.float64)
     varied = colours - colours.mean(axis=1, keepdims=True)

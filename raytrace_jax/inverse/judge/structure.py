@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from ...util.numerics import TINY, solve_normal
+from ...util.numerics import TINY, on_host, solve_normal
 from ..problem.observation import Observation
 from ..problem.problem import FitState
 from ..problem.unknowns import Covariance, Image, Images, Mask
@@ -159,7 +159,7 @@ def beyond(observation: Observation, residual: Image, weight: Image, bound: np.n
     """
     target, counts = np.asarray(observation.target), observation.seen
     within = np.abs(residual) <= weighted(observation, bound)
-    values, neighbours = np.asarray(target, np.float64), (1, 3, 3)
+    values, neighbours = on_host(target), (1, 3, 3)
     span = ndimage.maximum_filter(values, neighbours) - ndimage.minimum_filter(values, neighbours)
     is_flat = counts & (span <= 4.0 * bound)
     looked_at = is_flat if np.mean(is_flat) > 0.05 else counts
@@ -173,5 +173,5 @@ def beyond(observation: Observation, residual: Image, weight: Image, bound: np.n
 def weighted(observation: Observation, size: np.ndarray) -> np.ndarray:
     """Sizes in the target's unit in that of its weighted residual; 0 where the weight is 0."""
     # A clamped number's step has no end: it must not meet a weight of 0.
-    root = np.asarray(observation.root_weight, np.float64)
+    root = on_host(observation.root_weight)
     return np.where(root > 0, size, 0.0) * root

@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from ...util.numerics import MAD_TO_SIGMA, TINY
+from ...util.numerics import MAD_TO_SIGMA, TINY, on_host
 from ..problem.linearize import RANK_TOLERANCE, outer
 from ..problem.noise import rounding_scatter, score_covariance
 from ..problem.problem import FitState
@@ -125,7 +125,7 @@ def _quantify(states: Sequence[FitState], sigma: float | None) -> Uncertainty:
     unit = scale / np.maximum(np.abs(problem.slopes(first.y)), TINY)
     noises = [noise_level(state) if sigma is None else sigma for state in states]
     noise = noises[0] if len(states) == 1 else float(np.sqrt(np.mean(np.square(noises))))
-    triangle = np.concatenate([np.asarray(state.linearization.jacobian, np.float64) * unit for state in states])
+    triangle = np.concatenate([on_host(state.linearization.jacobian) * unit for state in states])
 
     # What is determined must not depend on units: columns of length one.
     lengths = np.linalg.norm(triangle, axis=0)
@@ -185,21 +185,19 @@ def scores(
         noise: that which counts: what is missing in the residuals is added.
     """
     problem, linearization, count = state.problem, state.linearization, whiten.shape[1]
-    prior = (state.stage.noise**2 * np.asarray(problem.prior.precision, np.float64) * problem.scale) ** 2
+    prior = (state.stage.noise**2 * on_host(problem.prior.precision) * problem.scale) ** 2
     covariance = whiten.T @ np.diag(prior) @ whiten
     if not count:
         return covariance
-    jacobian = np.tensordot((unit[:, None] * whiten).T, np.asarray(linearization.pixel_jacobian, np.float64), 1)
+    jacobian = np.tensordot((unit[:, None] * whiten).T, on_host(linearization.pixel_jacobian), 1)
     weight, score = state.under_loss("weight"), state.under_loss("score")
     scatter = whiten.T @ by_value(linearization.pixel_scatter, unit) @ whiten
     covariance += score_covariance(jacobian, weight, score, np.asarray(linearization.matters), scatter)
     covariance += max(noise**2 - noise_level(state) ** 2, 0.0) * outer((jacobian * weight).reshape(count, -1))
     # Equal colours are rounded alike.
     observation = problem.observation
-    picture, bias, root = (
-        np.asarray(part, np.float64) for part in (linearization.image, observation.bias, observation.root_weight)
-    )
-    target = np.asarray(observation.target, np.float64)
+    picture, bias, root = map(on_host, (linearization.image, observation.bias, observation.root_weight))
+    target = on_host(observation.target)
     return covariance + rounding_scatter(jacobian, weight * root, picture + bias, target)
 
 
@@ -226,13 +224,13 @@ def information_of(state: FitState, used: float, unit: Values, noise: float) -> 
     """
     # A picture without noise counts a million times as much as one with noise, not infinitely.
     ratio = 1.0 if used == noise else noise / max(used, 1e-3 * noise)
-    prior = noise * np.asarray(state.problem.prior.precision, np.float64) * state.problem.scale
+    prior = noise * on_host(state.problem.prior.precision) * state.problem.scale
     return by_value(state.linearization.information, unit) * ratio**2 + np.diag(prior**2)
 
 
 def by_value(matrix: ArrayLike, unit: Values) -> Covariance:
     """A sum of products of derivatives by unknowns, by values in natural scales."""
-    return np.asarray(matrix, np.float64) * np.outer(unit, unit)
+    return on_host(matrix) * np.outer(unit, unit)
 
 
 def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np.ndarray, "numbers numbers"]:

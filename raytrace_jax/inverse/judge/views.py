@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...util.digits import with_error
-from ...util.numerics import TINY
+from ...util.numerics import TINY, on_host
 from ..problem.linearize import gauss_newton_step
 from ..problem.problem import FitState
 from ..problem.unknowns import Covariance, Values
@@ -32,7 +32,7 @@ def each_alone(state: FitState, sigma: float | None) -> tuple[ViewAlone, ...]:
     found = []
     for view in state.views:
         sure = quantify_uncertainty(dataclasses.replace(view, next_step=None), sigma)
-        y = np.asarray(view.y, np.float64) + gauss_newton_step(view.linearization)
+        y = on_host(view.y) + gauss_newton_step(view.linearization)
         value = view.problem.values(view.problem.array(np.clip(y, *view.problem.unknowns.reach)))
         error = np.where(np.isnan(sure.standard_error), np.inf, sure.standard_error)
         found.append(ViewAlone(view.problem.scene.camera.name, value, error))

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from ...scene.setting_words import MAX_SAMPLES
 from ...tracer.pixels import sample_offsets
-from ...util.numerics import TINY
+from ...util.numerics import TINY, on_host
 from .problem import FitState, Problem
 from .sampling import lattice_offsets, pixel_moments
 from .unknowns import Image, Vector
@@ -38,8 +38,8 @@ def detect_samples(state: FitState, variance: Image) -> int | Literal["aware"] |
     if problem.storage is not None or not len(column) or problem.response_reach(y) > 0:
         return None
     order = np.random.default_rng(0).permutation(len(row))
-    derivative = np.asarray(linearization.pixel_jacobian, np.float64)[:, :, row, column]
-    off_aware = problem.observation.residual(np.asarray(linearization.image, np.float64))[:, row, column]
+    derivative = on_host(linearization.pixel_jacobian)[:, :, row, column]
+    off_aware = problem.observation.residual(on_host(linearization.image))[:, row, column]
 
     def distance(off: Float[np.ndarray, "3 some"], chosen: Int[np.ndarray, " some"]) -> Float[np.ndarray, " some"]:
         """Squared residual of each pixel, but for what a step of the unknowns explains."""

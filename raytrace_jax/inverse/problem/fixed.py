@@ -12,6 +12,7 @@ from ...errors import ParameterError, RaytraceWarning
 from ...scene.parameters import Address, Parameter, blocks, blocks_of, list_parameters, resolve, scalar_names
 from ...scene.response import FILM
 from ...scene.scene import Scene, map_scenes
+from ...util.numerics import on_host
 from ...util.text import listed, parse_number, quoted
 from ..options import FitOptions
 from .problem import Problem
@@ -61,7 +62,7 @@ def inward_step(scene: Scene, parameter: Parameter, step: float) -> float:
     address = parameter.address
     if parameter.attribute.violation(entry_with(scene, address, step)):
         step = -step
-    change = entry_with(scene, address, step).astype(np.float64) - np.asarray(address.entry.read(scene), np.float64)
+    change = entry_with(scene, address, step).astype(np.float64) - on_host(address.entry.read(scene))
     return float(np.sum(change))
 
 
@@ -196,7 +197,7 @@ def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], m
         if radius.address not in said:
             # Fraction of one more than a point's largest coordinate by which Mitsuba 3, in float32, starts rays off a
             # surface (`SurfaceInteraction::offset_p` and `math::RayEpsilon`).
-            parts = (np.abs(np.asarray(radius.block.read(scene, part), np.float64)) for part in ("center", "radius"))
+            parts = (np.abs(on_host(radius.block.read(scene, part))) for part in ("center", "radius"))
             offsets[name] = float(f"{1500 * 2**-24 * (1 + sum(map(np.max, parts))):.1e}")
     if offsets:
         stated = listed(f"{name}={amount:g}" for name, amount in offsets.items())

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...images.filters import gaussian_blur
 from ...util.compilation import jit
-from ...util.numerics import TINY
+from ...util.numerics import TINY, on_host
 from ..options import LossName
 from .observation import Observation
 from .prediction import PredictedPicture
@@ -21,7 +21,7 @@ RANK_TOLERANCE = 1e-9
 """A direction along which the picture changes this much less than along the strongest one is not determined."""
 
 Residual = Float[Array, "*any"]
-Scale = Float[Array, ""]
+Scalar = Float[Array, ""]
 
 
 class Loss(NamedTuple):
@@ -35,17 +35,17 @@ class Loss(NamedTuple):
             least squares (Holland and Welsch 1977).
     """
 
-    residual: Callable[[Residual, Scale], Residual]
-    weight: Callable[[Residual, Scale], Residual]
-    curvature: Callable[[Residual, Scale], Residual]
+    residual: Callable[[Residual, Scalar], Residual]
+    weight: Callable[[Residual, Scalar], Residual]
+    curvature: Callable[[Residual, Scalar], Residual]
     tuning: float
 
-    def score(self, residual: Residual, scale: Scale) -> Residual:
+    def score(self, residual: Residual, scale: Scalar) -> Residual:
         """`rho'`, how hard a residual pulls."""
         return self.weight(residual, scale) * residual
 
 
-def cauchy(residual: Residual, scale: Scale) -> Residual:
+def cauchy(residual: Residual, scale: Scalar) -> Residual:
     """Residuals whose sum of squares is the Cauchy loss, `scale^2 log(1 + (residual / scale)^2)`."""
     squared = (residual / scale) ** 2
     # Below, it differs from the plain residual by less than float32 rounds, and the quotient 0 / 0 is not met.
@@ -54,7 +54,7 @@ def cauchy(residual: Residual, scale: Scale) -> Residual:
     return jnp.where(large, residual * shrink, residual)
 
 
-def _cauchy_curvature(residual: Residual, scale: Scale) -> Residual:
+def _cauchy_curvature(residual: Residual, scale: Scalar) -> Residual:
     squared = (residual / scale) ** 2
     return (1 - squared) / (1 + squared) ** 2
 
@@ -68,7 +68,7 @@ LOSSES: dict[LossName, Loss] = {
 
 @functools.partial(jit, static_argnames=("loss", "what"))
 def evaluate(
-    loss: LossName, what: Literal["residual", "weight", "score"], residual: Residual, scale: Scale
+    loss: LossName, what: Literal["residual", "weight", "score"], residual: Residual, scale: Scalar
 ) -> Residual:
     """A function of a loss at residuals, as one program."""
     return getattr(LOSSES[loss], what)(residual, scale)
@@ -98,8 +98,8 @@ class Linearization(eqx.Module):
     bad: Bool[Array, "height width"]
     pixel_jacobian: Float[Array, "parameters 3 height width"]
     matters: Bool[Array, "3 height width"]
-    typical: Float[Array, ""]
-    squares: Float[Array, ""]
+    typical: Scalar
+    squares: Scalar
     information: Float[Array, "parameters parameters"]
     curvature: Float[Array, "parameters parameters"]
     pixel_scatter: Float[Array, "parameters parameters"]
@@ -122,9 +122,9 @@ def linearize(
     slopes: Vector,
     observation: Observation,
     prior: Prior,
-    blur: Float[Array, ""],
-    loss_scale: Float[Array, ""],
-    noise: Float[Array, ""],
+    blur: Scalar,
+    loss_scale: Scalar,
+    noise: Scalar,
     loss: LossName,
 ) -> Linearization:
     """The least-squares problem near a picture, as a `Linearization`."""
@@ -192,7 +192,7 @@ def outer(jacobian: Float[AnyArray, "parameters rows"]) -> Float[AnyArray, "para
 
 def gauss_newton_step(linearization: Linearization) -> Values:
     """The step to the minimum of the sum of squares near a point; it is 0 along what the picture does not determine."""
-    triangle, residual = (np.asarray(part, np.float64) for part in (linearization.jacobian, linearization.residual))
+    triangle, residual = map(on_host, (linearization.jacobian, linearization.residual))
     if not (np.isfinite(triangle).all() and np.isfinite(residual).all()):
         return np.zeros(triangle.shape[1])  # Squares beyond the dtype: no step is known.
     pulls, strengths, directions = np.linalg.svd(triangle, full_matrices=False)

@@ -5,7 +5,7 @@ from jaxtyping import Bool, Float
 
 from ...images.jpeg import JpegStorage
 from ...images.transfer import rounding_of
-from ...util.numerics import MAD_TO_SIGMA
+from ...util.numerics import MAD_TO_SIGMA, on_host
 from .observation import Observation
 from .problem import FitState, Problem
 from .unknowns import Covariance, Image, PixelJacobian
@@ -120,7 +120,7 @@ def compressed(storage: JpegStorage, observation: Observation, image: Image) -> 
     """
     counts = observation.counts
     # How large the target's noise is, in the stored numbers.
-    numbers, target = storage.encode(image), storage.encode(np.asarray(observation.target, np.float64))
+    numbers, target = storage.encode(image), storage.encode(on_host(observation.target))
     off = (target - numbers)[:, counts]
     sigma = MAD_TO_SIGMA * np.median(np.abs(off - np.median(off, axis=1, keepdims=True)), axis=1)
     random, total = np.random.default_rng(0), np.zeros_like(image)
@@ -137,7 +137,7 @@ def storage_bound(problem: Problem) -> Image:
     It is three quarters of a step: half of one, and the roundings of the picture. Renderers store samples with 16 bits,
     white being a power of two, before they take their mean: that makes a step and a half of these.
     """
-    target = np.asarray(problem.observation.target, np.float64)
+    target = on_host(problem.observation.target)
     most = np.max(target)
     sampled = 1.5 * 2.0 ** np.ceil(np.log2(most)) / 65535 if problem.samples != 1 and most > 0 else 0.0
     return np.maximum(1.5 * rounding_of(target), sampled)
@@ -149,7 +149,7 @@ def sample_jump(state: FitState) -> float:
     if samples is None or state.confusion is None:
         return 0.0
     # Two: of a board, 320 x 240 with 8 x 8 samples, at a place right to 1.5e-8, less than one does.
-    return 2 * float(np.ptp(np.asarray(state.problem.observation.target, np.float64))) / samples**2
+    return 2 * float(np.ptp(on_host(state.problem.observation.target))) / samples**2
 
 
 def rounding_scatter(jacobian: PixelJacobian, weight: Image, picture: Image, target: Image) -> Covariance:

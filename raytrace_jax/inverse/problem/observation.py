@@ -14,7 +14,7 @@ from ...images.filters import bin_pixels
 from ...scene.checks import is_gray
 from ...scene.scene import Scene
 from ...tracer.settings import ResolvedSettings
-from ...util.numerics import is_masked, on_device, real_numbers
+from ...util.numerics import is_masked, on_device, on_host, real_numbers
 from .unknowns import AnyArray, Image, Mask
 
 
@@ -65,7 +65,7 @@ class Observation(eqx.Module):
     @property
     def light_unit(self) -> float:
         """The power of two next to the root mean square of the target's light."""
-        target, root = (np.asarray(part, np.float64) for part in (self.target, self.root_weight))
+        target, root = map(on_host, (self.target, self.root_weight))
         return nearest_power(np.sqrt(np.mean(target[root > 0] ** 2)))
 
     @property

@@ -17,7 +17,7 @@ from ...scene.setting_words import EdgeMode
 from ...tracer.geometry.camera import picture_place, pixel_step
 from ...tracer.pixels import Pixels
 from ...tracer.settings import ResolvedSettings
-from ...util.numerics import on_device
+from ...util.numerics import on_device, on_host
 from ..options import Stage
 from .linearize import Linearization, evaluate, linearize
 from .observation import Observation, nearest_power
@@ -92,7 +92,7 @@ class Problem:
         Args:
             unit: that of another picture's problem, whose residuals are compared with these.
         """
-        root = np.asarray(self.observation.root_weight, np.float64)
+        root = on_host(self.observation.root_weight)
         if unit is None:
             unit = self.observation.light_unit * nearest_power(np.sqrt(np.mean(root[root > 0] ** 2)))
         observation = dataclasses.replace(self.observation, root_weight=self.array(root / unit))
@@ -184,11 +184,11 @@ class Problem:
 
     def values(self, y: Vector) -> Values:
         """The parameters' values at unknowns `y`."""
-        return np.asarray(values_and_slopes(self.array(y), self.unknowns)[0], np.float64)
+        return on_host(values_and_slopes(self.array(y), self.unknowns)[0])
 
     def slopes(self, y: Vector) -> Values:
         """The derivative of each parameter's value by its unknown at `y`."""
-        return np.asarray(values_and_slopes(self.array(y), self.unknowns)[1], np.float64)
+        return on_host(values_and_slopes(self.array(y), self.unknowns)[1])
 
     def apply_response(self, radiance: Image, y: Vector) -> Image:
         """The picture that the camera at `y` makes of radiance."""
@@ -317,7 +317,7 @@ class FitState:
         triangle = np.asarray(np.linalg.qr(np.concatenate(rows).astype(np.float64), mode="r"))
         triangle *= np.where(np.diagonal(triangle) < 0, -1, 1)[:, None]
         parts = {
-            name: on_device(sum(np.asarray(getattr(one, name), np.float64) for one in each), dtype)
+            name: on_device(sum(on_host(getattr(one, name)) for one in each), dtype)
             for name in ("squares", "information", "curvature", "pixel_scatter")
         }
         jacobian, residual = (on_device(part, dtype) for part in (triangle[:, :-1], triangle[:, -1]))
@@ -363,4 +363,4 @@ class FitState:
         """A function of the loss at each residual, its own or another one, and at its own scale or another; `Loss`."""
         residual = np.asarray(self.residual if residual is None else residual, self.problem.observation.target.dtype)
         at = np.asarray(self.stage.loss_scale if scale is None else scale, residual.dtype)
-        return np.asarray(evaluate(self.stage.loss, what, residual, at), np.float64)
+        return on_host(evaluate(self.stage.loss, what, residual, at))

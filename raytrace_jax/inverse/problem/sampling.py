@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...scene.scene import map_scenes
 from ...tracer.pixels import sample_offsets
-from ...util.numerics import TINY, solve_normal
+from ...util.numerics import TINY, on_host, solve_normal
 from ..options import Stage
 from .noise import compressed
 from .prediction import PredictedPicture
@@ -94,14 +94,14 @@ class ResampledPicture:
     def at(self, y: Vector) -> PredictedPicture:
         """The picture at unknowns nearby; its derivative is that at the place."""
         # Listed pixels are sampled anew, all others follow the derivative.
-        problem, image, move = self.problem, self.mean, np.asarray(y, np.float64) - self.y
+        problem, image, move = self.problem, self.mean, on_host(y) - self.y
         if move.any():
             step = move[list(problem.local.traced)]
-            image = image + np.tensordot(step, np.asarray(self.radiance.jacobian, np.float64), 1)
+            image = image + np.tensordot(step, on_host(self.radiance.jacobian), 1)
             image[:, self.row, self.column] = pixel_moments(problem, y, self.column, self.row, self.offsets)[0]
         radiance = PredictedPicture(problem.array(image), self.radiance.jacobian)
         picture = problem.camera.picture(radiance, y, problem.frame())
-        image = np.asarray(picture.image, np.float64)
+        image = on_host(picture.image)
         if problem.storage is not None:
             image = compressed(problem.storage, problem.observation, image)
         return dataclasses.replace(picture, image=problem.array(image))
@@ -119,7 +119,7 @@ class ResampledPicture:
         """
         if self.problem.samples is not None:
             return 0
-        root = np.asarray(state.problem.observation.root_weight, np.float64)[:, self.row, self.column]
+        root = on_host(state.problem.observation.root_weight)[:, self.row, self.column]
         within = float(np.sum(self.variance * root**2)) * 6 * 0.25**2
         left = float(np.sum(np.asarray(state.residual)[:, self.row, self.column] ** 2))
         ratio = 10 * within / max(left, TINY)
@@ -131,12 +131,12 @@ class ResampledPicture:
     @functools.cached_property
     def mean(self) -> Image:
         """The picture at the place, before the film."""
-        return np.asarray(self.radiance.image, np.float64)
+        return on_host(self.radiance.image)
 
     @property
     def weighted_variance(self) -> Image:
         """The variance within each pixel, in the unit of a squared residual; 0 where it is not listed."""
-        root = np.asarray(self.problem.observation.root_weight, np.float64)
+        root = on_host(self.problem.observation.root_weight)
         variance = np.zeros(root.shape)
         variance[:, self.row, self.column] = self.variance
         return variance * root**2
@@ -188,7 +188,7 @@ class ResampledPicture:
 
 def pulls(problem: Problem, jacobian: PixelJacobian, error: Values) -> PixelJacobian:
     """How far each number of a picture pulls the unknowns per unit of light, in their errors: `J^+ / error`."""
-    root = np.asarray(problem.observation.root_weight, np.float64)
+    root = on_host(problem.observation.root_weight)
     flat = (jacobian * root).reshape(len(jacobian), -1)
     pull = solve_normal(flat @ flat.T, flat) / np.maximum(error, TINY)[:, None]
     return pull.reshape(jacobian.shape) * root
@@ -220,13 +220,13 @@ def resampled(
     # a hundredth of its square. Elsewhere the parabola lacks what is of fourth order, far below the square of that.
     image = problem.apply_response(coarse_mean, y)
     off = np.maximum(np.abs(coarse_mean - center), np.abs(image - np.asarray(aware.image)))
-    root = np.asarray(problem.observation.root_weight, np.float64)
+    root = on_host(problem.observation.root_weight)
     is_varied = np.any(off * root > np.maximum(1e-4 * problem.observation.light_unit * root, 0.1 * noise), axis=0)
     # An edge that cuts no more than a corner of a pixel is not seen by few samples, but by footprints.
     assert aware.sees_edge is not None
     row, column = np.nonzero(is_varied | aware.sees_edge)
     offsets = lattice_offsets(size) if samples is None else sample_offsets(samples)
     mean[:, row, column], variance = pixel_moments(problem, y, column, row, offsets)
-    place, jacobian = np.asarray(y, np.float64), np.asarray(aware.jacobian, np.float64)
+    place, jacobian = on_host(y), on_host(aware.jacobian)
     radiance = PredictedPicture(problem.array(mean), radiance.jacobian)
     return ResampledPicture(problem, offsets, place, radiance, jacobian, row, column, variance)

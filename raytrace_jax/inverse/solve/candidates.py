@@ -12,6 +12,7 @@ from ...scene.parameters import Address, Block, material_of, resolve
 from ...scene.scene import Camera
 from ...tracer.geometry.camera import ray
 from ...util.compilation import jit
+from ...util.numerics import on_host
 from ..judge.structure import EVIDENCE, vuong_evidence
 from ..problem.problem import FitState, Problem
 from ..problem.sampling import supersampled
@@ -93,7 +94,7 @@ def searched(problem: Problem, places: Iterable[int]) -> tuple[list[Ball], list[
         material = material_of(scene, block)
         owned = [entry for entry in indices if (entry.group, entry.column) == (material.type.group, material.column)]
         index = tuple(place for entry in owned for place in indices[entry])
-        balls.append(Ball(block.name, np.asarray(entry.read(scene), np.float64), axes, index))
+        balls.append(Ball(block.name, on_host(entry.read(scene)), axes, index))
         used += owned
     return balls, [places for entry, places in indices.items() if entry not in used]
 
@@ -139,7 +140,7 @@ compiled_ray = jit(ray)
 def looks(camera: Camera, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Origins and directions, "3 *rays" in float64, of the rays through points of the picture."""
     rays = compiled_ray(camera, *(np.asarray(x, camera.viewpoint.dtype) for x in (u, v)))
-    return np.asarray(rays[0], np.float64), np.asarray(rays[1], np.float64)
+    return on_host(rays[0]), on_host(rays[1])
 
 
 def film_normal(camera: Camera) -> Float[np.ndarray, "3"]:

@@ -13,7 +13,7 @@ from ...errors import PictureError, RaytraceWarning
 from ...images.filters import blurred
 from ...scene.response import RESPONSE_EFFECTS
 from ...scene.scene import map_scenes
-from ...util.numerics import TINY, finite_or_last
+from ...util.numerics import TINY, finite_or_last, on_host
 from ..options import FitOptions, Stage
 from ..problem.observation import Observation
 from ..problem.prediction import best_response
@@ -22,6 +22,11 @@ from ..problem.unknowns import Values, Vector
 from ..progress import LocalMinimum, Progress
 from .candidates import groups, table
 from .solvers import LevenbergMarquardt, levenberg_marquardt
+
+Rows = Float[np.ndarray, "pictures parameters"]
+"""Values of the parameters, a row for each of some pictures."""
+
+Pictures = Float[np.ndarray, "pictures 3 height width"]
 
 LEAST_SIGNAL = 0.3
 """A level is too coarse if its blur leaves less than this fraction of the residual that a solve starts from. With 0.15
@@ -132,8 +137,8 @@ def signal_left(state: FitState, blur: float) -> float:
 
 
 def evaluate(
-    problem: Problem, values: Float[np.ndarray, "pictures parameters"], binning: int, tell: Callable[[int], None]
-) -> tuple[Float[np.ndarray, " pictures"], Float[np.ndarray, "pictures parameters"]]:
+    problem: Problem, values: Rows, binning: int, tell: Callable[[int], None]
+) -> tuple[Float[np.ndarray, " pictures"], Rows]:
     """The distances from the target of pictures of some rows of values, and the rows with the best film of each.
 
     The measure is the root mean square of the blurred, weighted difference; infinite where a picture is not finite. The
@@ -151,9 +156,7 @@ def evaluate(
     return np.array(costs), films
 
 
-def view_pictures(
-    problem: Problem, rows: Float[np.ndarray, "pictures parameters"], binning: int
-) -> tuple[Float[np.ndarray, "pictures parameters"], Float[np.ndarray, "pictures 3 height width"], Observation]:
+def view_pictures(problem: Problem, rows: Rows, binning: int) -> tuple[Rows, Pictures, Observation]:
     """A view's pictures of rows of values, those rows with the best film of each, and what it is compared with."""
     observation, points = problem.binned(binning), problem.points(*problem.places(binning), binning)
     # As many each time: another number of them is another program.
@@ -167,10 +170,10 @@ def view_pictures(
 
 def best_films(
     problem: Problem,
-    rows: Float[np.ndarray, "pictures parameters"],
-    light: Float[np.ndarray, "pictures 3 height width"],
+    rows: Rows,
+    light: Pictures,
     binning: int,
-) -> tuple[Float[np.ndarray, "pictures parameters"], Float[np.ndarray, "pictures 3 height width"]]:
+) -> tuple[Rows, Pictures]:
     """Rows of values whose linear numbers of the film are best for the target, and the pictures that they make."""
     developed = best_response(
         problem.array(np.resize(rows, (AT_ONCE, *rows.shape[1:]))),
@@ -182,7 +185,7 @@ def best_films(
         problem.frame(binning),
         problem.camera.linear_indices,
     )
-    best, images = (np.asarray(x, np.float64)[: len(rows)] for x in developed)
+    best, images = (on_host(x)[: len(rows)] for x in developed)
     return best, images
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from ...errors import RaytraceWarning
 from ...scene.scene import Scene
-from ...util.numerics import TINY, on_device, solve_normal
+from ...util.numerics import TINY, on_device, on_host, solve_normal
 from ..options import Stage
 from ..problem.linearize import RANK_TOLERANCE, Linearization, gauss_newton_step
 from ..problem.problem import FitState, Problem
@@ -93,7 +93,7 @@ class LevenbergMarquardt:
 
     def terminate(self, best: FitState, memory: TrustState) -> bool | None:
         free = project_gradient(best)
-        decrease = predicted_decrease(free) / max(np.sum(np.asarray(free.residual, np.float64) ** 2), TINY)
+        decrease = predicted_decrease(free) / max(np.sum(on_host(free.residual) ** 2), TINY)
         ends = memory.done or memory.rejected >= self.rejected or decrease < self.decrease
         return True if ends else None
 
@@ -224,8 +224,8 @@ def tolerance(dtype) -> float:
 
 def predicted_decrease(linearization: Linearization) -> float:
     """What the linear problem takes off the sum of squares: `|P r|^2`, P projecting on the Jacobian's span."""
-    triangle = np.asarray(linearization.jacobian, np.float64)
-    residual = np.asarray(linearization.residual, np.float64)
+    triangle = on_host(linearization.jacobian)
+    residual = on_host(linearization.residual)
     moves = np.any(triangle != 0, axis=0)
     # The triangle's own rows span it unless columns were set to 0; the last row holds what no parameter explains.
     spanned = residual[:-1] if moves.all() else np.linalg.qr(triangle[:, moves])[0].T @ residual
@@ -247,11 +247,8 @@ def step_to_minimum(state: FitState, free: Linearization) -> Values:
     if stage.loss == "l2" or not step.any():
         return step
     moves = np.any(np.asarray(free.jacobian) != 0, axis=0)
-    columns = [
-        (view, np.asarray(view.linearization.pixel_jacobian, np.float64) * moves[:, None, None, None])
-        for view in state.views
-    ]
-    mean, precision = (np.asarray(part, np.float64) for part in (problem.prior.mean, problem.prior.precision))
+    columns = [(view, on_host(view.linearization.pixel_jacobian) * moves[:, None, None, None]) for view in state.views]
+    mean, precision = map(on_host, (problem.prior.mean, problem.prior.precision))
     pull = stage.noise * precision * (problem.values(state.y) - mean)
     slope = stage.noise * precision * problem.slopes(state.y) * moves
     for _ in range(30):
@@ -274,9 +271,9 @@ def step_in_errors(linearization: Linearization) -> float:
     of each one's `g g^T` (the score test of White 1982). It is 1 on average where residuals pull at random, whatever
     their sizes. Beside error bars from all residuals together the pull of the few at edges would seem far too large.
     """
-    triangle, residual = (np.asarray(part, np.float64) for part in (linearization.jacobian, linearization.residual))
+    triangle, residual = map(on_host, (linearization.jacobian, linearization.residual))
     score = triangle.T @ residual
-    scatter = np.asarray(linearization.pixel_scatter, np.float64)
+    scatter = on_host(linearization.pixel_scatter)
     length = np.sqrt(np.diagonal(scatter))
     moves = np.any(triangle != 0, axis=0) & (length > 0)
     if not moves.any():
@@ -309,7 +306,7 @@ def is_possible(problem: Problem, y: Vector) -> bool:
 def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
     """The distance of each ball's surface from the camera; negative if the camera is in the ball."""
     parts = scene.spheres.center, scene.spheres.radius, scene.camera.viewpoint
-    center, radius, viewpoint = (np.asarray(part, np.float64) for part in parts)
+    center, radius, viewpoint = map(on_host, parts)
     return np.linalg.norm(center - viewpoint[:, None], axis=0) - radius
 
 
