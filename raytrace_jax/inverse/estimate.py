@@ -139,7 +139,7 @@ def find(setup: FitSetup, options: FitOptions, progress: Progress) -> None:
     coarse = None if solution.stage.edges == "point" else COARSE_SAMPLES
     views, start = problem.views, problem.start()
     findings.start_images = tuple(supersampled(view, start, coarse or view.base.samples) for view in views)
-    if np.all(np.isnan(uncertainty.standard_error)):
+    if not uncertainty.is_known:
         return
     findings.alone = each_alone(solution, options.sigma) if problem.others else ()
 

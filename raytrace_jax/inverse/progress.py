@@ -59,18 +59,15 @@ class Findings:
     alone: tuple[ViewAlone, ...] = ()
 
 
+@dataclasses.dataclass
 class Progress:
     """The findings of a fit, and what tells its caller of them: of each step, and in words of each phase."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        on_step: Callable[[FitStep], None] | None = None,
-        on_phase: Callable[[str], None] | None = None,
-        clock: Clock | None = None,
-    ):
-        self.problem, self.on_step, self.on_phase = problem, on_step, on_phase
-        self.clock, self.findings = clock or Clock(), Findings()
+    problem: Problem
+    on_step: Callable[[FitStep], None] | None = None
+    on_phase: Callable[[str], None] | None = None
+    clock: Clock = dataclasses.field(default_factory=Clock)
+    findings: Findings = dataclasses.field(default_factory=Findings)
 
     def phase(self, words: str) -> None:
         """Tell what the fit does next. Raises TimeoutError when the time is up."""

@@ -24,7 +24,7 @@ from .problem.linearize import gauss_newton_step
 from .problem.observation import Observation
 from .problem.problem import FitState, Problem
 from .problem.sampling import lattice_size, resampled, supersampled
-from .problem.unknowns import Covariance, Unknowns, Values, Vector, make_prior
+from .problem.unknowns import Covariance, Picture, Scalar, Unknowns, Values, Vector, make_prior
 
 
 class PictureResidual(eqx.Module):
@@ -64,7 +64,7 @@ class PictureResidual(eqx.Module):
     @with_lower_ranks
     def residual(
         self, y: Vector, args: Float[ArrayLike, ""] | None = None
-    ) -> Float[Array, "3 height width"] | tuple[Float[Array, "3 _ _"], ...]:
+    ) -> Picture | tuple[Float[Array, "3 _ _"], ...]:
         """Picture minus target, weighted; an error where rays find no room, as `render` raises it.
 
         Of several cameras a tuple, a residual each in their order.
@@ -77,7 +77,7 @@ class PictureResidual(eqx.Module):
         each = tuple(view._blurred(y, blur) for view in (self, *self.others))
         return each if self.others else each[0]
 
-    def _blurred(self, y: Vector, blur: Float[Array, ""]) -> Float[Array, "3 height width"]:
+    def _blurred(self, y: Vector, blur: Scalar) -> Picture:
         """The blurred residual of the first camera alone."""
         image = picture_at(y, self.scene.alone(), self.unknowns.seen_in(self.scene), self.settings)
         return gaussian_blur(self.observation.residual(image), blur)
@@ -96,7 +96,7 @@ class PictureResidual(eqx.Module):
             )
         return unknowns
 
-    def parameters(self, y: Float[ArrayLike, " parameters"]) -> dict[str, Float[Array, ""]]:
+    def parameters(self, y: Float[ArrayLike, " parameters"]) -> dict[str, Scalar]:
         """The value of each free parameter at unknowns `y`."""
         return dict(zip(self.unknowns.names, self.unknowns.values(self._checked(y)), strict=True))
 

@@ -17,6 +17,7 @@ from ..scene.scene import Scene
 from ..tracer.settings import ResolvedSettings
 from ..util.digits import value_and_error, with_error
 from ..util.files import StrPath
+from ..util.numerics import root_diagonal
 from ..util.text import aligned, did_you_mean, listed
 from .dispersion import dispersion_words, fitted_dispersions
 from .judge.model_check import Dependence, ModelCheck
@@ -253,7 +254,7 @@ class FitResult(ViewPictures):
     @property
     def systematic_error(self) -> Values:
         """One standard deviation from stated uncertainties and model errors seen in the residual; 0 without them."""
-        return np.sqrt(np.diagonal(self.check.covariance))
+        return root_diagonal(self.check.covariance)
 
     @property
     def total_error(self) -> Values:

@@ -68,7 +68,7 @@ def solve_verdicts(
         ),
         # An answer whose error is unknown or without end.
         (
-            bool(np.all(np.isnan(sure.standard_error))),
+            not sure.is_known,
             "not_converged",
             "the errors of the estimate are unknown: sums of squares of the residual, or of the derivatives, are "
             "beyond the precision's largest number",
@@ -168,15 +168,14 @@ def contradicted_status(contradictions: Sequence[Contradiction], verdict: Verdic
 def interrupted_status(stopped: str, findings: Findings, sure: Uncertainty) -> Verdict:
     """The status of a fit that was stopped."""
     way = "run it again with more time (--max-seconds)"
-    is_known = not np.all(np.isnan(sure.standard_error))
-    if is_known and findings.uncertainty is not None and findings.solution is not None:
+    if sure.is_known and findings.uncertainty is not None and findings.solution is not None:
         # Only profiles and the check of the model are missing.
         unchecked = "the model was not checked: the errors are those of the noise, as if nothing in the target differed"
         words = f"{stopped}; {rest_in_words(findings.solution)}, but {unchecked} from the scene"
         return "interrupted", words, f"{way}, or look at the residual"
     if not any(step.step > 0 and step.accepted for step in findings.steps):
         return "interrupted", f"{stopped}, before the first step: nothing was fitted", way
-    values = "the values are those of the last accepted step" + ("" if is_known else ", without error bars")
+    values = "the values are those of the last accepted step" + ("" if sure.is_known else ", without error bars")
     return "interrupted", f"{stopped}; {values}", f"{way}, or take the values as a rough estimate"
 
 

@@ -16,7 +16,7 @@ from scipy.ndimage import shift as moved_by
 from ..images.jpeg import JpegStorage
 from .boards import CharucoBoard
 from .geometry import Seen
-from .photograph import RAYS, Corners, Places, offsets
+from .photograph import RAYS, Corners, Image, Light, Places, offsets
 
 HALF, MARGIN = 13, 6
 """Half a patch's side, and how far beyond it its blur looks, in pixels."""
@@ -26,7 +26,7 @@ See = Callable[[Places], Seen]
 
 
 def align(
-    light: Float[np.ndarray, "height width"],
+    light: Light,
     board: CharucoBoard,
     corners: Places,
     expected: Places,
@@ -72,9 +72,7 @@ class ColourPatches:
         blur: standard deviation of the camera's blur in pixels.
     """
 
-    def __init__(
-        self, image: Float[np.ndarray, "3 height width"], board: CharucoBoard, corners: Corners, see: See, blur: float
-    ):
+    def __init__(self, image: Image, board: CharucoBoard, corners: Corners, see: See, blur: float):
         box, _, self.fits = _boxes(image[0], corners.pixels)
         self.first, self.pictures = box[:, 0, 0], image[:, box[..., 1], box[..., 0]]
         sharp, self.use = _drawn(box, board, corners.places[self.fits], see)
@@ -119,7 +117,7 @@ class ColourPatches:
 
 
 def best_blur(
-    light: Float[np.ndarray, "height width"],
+    light: Light,
     board: CharucoBoard,
     corners: Places,
     expected: Places,

@@ -27,7 +27,7 @@ LEAST_CORNERS = 20
 """The fewest corners of a board, and of a photograph; a camera has up to nine free numbers."""
 
 
-def opencv(purpose: str) -> ModuleType:
+def opencv(purpose: str = "a photograph of a board") -> ModuleType:
     """The module cv2, which only the commands for photographs need; `purpose` begins the message where it is missing.
 
     Raises:
@@ -166,7 +166,7 @@ def _markers_in(texture: Float[np.ndarray, "rows columns"], path: Path) -> tuple
 
 def decoded(grey: UInt8[np.ndarray, "height width"], dictionary: str, how: Any = None) -> tuple[Quads, MarkerNumbers]:
     """The corners and numbers of a dictionary's markers in a picture; `how` are parameters of OpenCV's detector."""
-    aruco = opencv("a photograph of a board").aruco
+    aruco = opencv().aruco
     markers = aruco.getPredefinedDictionary(getattr(aruco, dictionary))
     corners, ids, _ = aruco.ArucoDetector(markers, how or aruco.DetectorParameters()).detectMarkers(grey)
     if ids is None:

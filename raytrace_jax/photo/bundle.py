@@ -13,13 +13,17 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from ..util.compilation import jit
-from ..util.numerics import TINY
-from .geometry import LENS, LOST, Ball, Camera, Liquid, Seen, Setup, Tank, inverse_of
+from ..util.digits import Measurement
+from ..util.numerics import TINY, root_diagonal
+from .geometry import LENS, LOST, Ball, Camera, Liquid, Numbers, Seen, Setup, Tank, inverse_of
 from .lens import LensPrior, PictureSize, Turn
 from .photograph import Corners
 
 Free = Float[np.ndarray, " free"]
 """The free numbers of an adjustment, each in its own scale."""
+
+Joint = Float[np.ndarray, " joint"]
+"""All numbers of an adjustment, as `Adjusted` has them."""
 
 CORNER_FLOOR = 0.015
 """Least standard deviation of a corner in pixels, beside its patch's own spread: what moves one corner, a reflection or
@@ -59,12 +63,12 @@ class Prior(NamedTuple):
         scale: about how far each number may move, the translation in distances of the board; 0 holds it.
     """
 
-    mean: Float[np.ndarray, " numbers"]
+    mean: Numbers
     root: Float[np.ndarray, "rows numbers"]
-    scale: Float[np.ndarray, " numbers"]
+    scale: Numbers
 
 
-Measured = Mapping[str, tuple[float, float]]
+Measured = Mapping[str, Measurement]
 """What was measured of a ball (`radius`, `liquid`, `depth`) or of a tank (`thickness`, `wall`, `wall_index`, and for
 both numbers of its `wedge` one), with standard deviations."""
 
@@ -121,14 +125,14 @@ class AdjustedView:
     @property
     def errors(self) -> Setup:
         """The standard deviation of each number."""
-        return self.setup.at(np.sqrt(np.diagonal(self.covariance)))
+        return self.setup.at(root_diagonal(self.covariance))
 
     @property
     def lens(self) -> LensPrior:
         return LensPrior(self.setup.vector[LENS], self.covariance[np.ix_(LENS, LENS)])
 
     @property
-    def ior(self) -> tuple[float, float]:
+    def ior(self) -> Measurement:
         """The index of ball or liquid over the air's, and its standard deviation."""
         return float(self.setup.glass.ior), float(self.errors.glass.ior)
 
@@ -145,7 +149,7 @@ class Adjusted(NamedTuple):
     """
 
     views: tuple[AdjustedView, ...]
-    joint: Float[np.ndarray, " joint"]
+    joint: Joint
     covariance: Float[np.ndarray, "joint joint"]
     known: Prior
     cost: float
@@ -260,15 +264,13 @@ class _System:
         self.factors: list[np.ndarray] = []  # Of each corner's misses in the residual.
         self._kept: tuple[bytes | None, list] = (None, [])
 
-    def joint(self, x: Free) -> Float[np.ndarray, " joint"]:
+    def joint(self, x: Free) -> Joint:
         """All numbers, in their units."""
         joint = np.array(self.start)
         joint[self.free] += x * self.scale
         return joint
 
-    def view(
-        self, joint: Float[np.ndarray, " joint"], k: int
-    ) -> tuple[Float[np.ndarray, " numbers"], Float[np.ndarray, "numbers joint"]]:
+    def view(self, joint: Joint, k: int) -> tuple[Numbers, Float[np.ndarray, "numbers joint"]]:
         """A view's numbers, and their derivative by all."""
         numbers, slope = joint[self.places[k]], np.eye(len(joint))[self.places[k]]
         numbers[LENS], places, factors = self.views[k].turn(numbers[LENS])

@@ -15,7 +15,7 @@ from ..images.jpeg import JpegStorage
 from .alignment import ColourPatches
 from .geometry import Setup
 from .locate import Located
-from .photograph import Places
+from .photograph import Image, Places
 from .sight import Projection
 
 WAVELENGTHS = ((600.0, 8.0), (540.0, 8.0), (460.0, 8.0))
@@ -44,9 +44,7 @@ class ColourDifferences(NamedTuple):
         return mean[0] + self.of_index, mean[1] ** 2 + self.covariance
 
 
-def colour_differences(
-    image: Float[np.ndarray, "3 height width"], located: Located, storage: JpegStorage | None = None
-) -> ColourDifferences | None:
+def colour_differences(image: Image, located: Located, storage: JpegStorage | None = None) -> ColourDifferences | None:
     """Measure the corners of a photograph in each channel; None of a grey one, or of one with too few corners.
 
     A JPEG whose colours have half the pixels pulls red and blue to grey. So patches of the photograph's mean, in which
@@ -68,11 +66,12 @@ def colour_differences(
     looks = zip(groups, (sight.directly, sight.through), strict=True)
     patches = [ColourPatches(image, located.board, group, see, located.blur) for group, see in looks]
     beside, behind = (group.where(each.fits) for group, each in zip(groups, patches, strict=True))
+    beside_count = len(beside.pixels)
     slopes = np.concatenate([np.zeros_like(beside.pixels), sight.index_slope(behind.pixels)])
     steps, contrast = (np.concatenate(part, 1) for part in zip(*(each.steps() for each in patches), strict=True))
     counts: Bool[np.ndarray, " n"] = np.all(np.isfinite(steps), axis=(0, 2))
     share = np.nanmean(np.where(counts, contrast, np.nan), axis=1) if counts.any() else np.zeros(3)
-    is_enough = int(np.sum(counts)) >= 12 and int(np.sum(counts[len(beside.pixels) :])) >= 6
+    is_enough = int(np.sum(counts)) >= 12 and int(np.sum(counts[beside_count:])) >= 6
     if not (is_enough and share.min() > LEAST_CONTRAST * share.max()):
         return None
     share /= share.sum()
@@ -88,7 +87,7 @@ def colour_differences(
         rounds = [numbers]
         for _ in range(2):
             applied = np.einsum("cp,pni->cni", rounds[-1], design)
-            split = zip(patches, np.split(applied, [len(beside.pixels)], axis=1), strict=True)
+            split = zip(patches, np.split(applied, [beside_count], axis=1), strict=True)
             left = np.concatenate([each.steps(part, storage, share)[0] for each, part in split], axis=1)
             numbers, covariance, scatter = adjusted(steps + np.where(np.isfinite(left), applied - left, 0.0))
             rounds.append(numbers)
@@ -100,8 +99,8 @@ def colour_differences(
         added = numbers[:, -1] - rounds[0][:, -1]
         covariance = covariance + 0.1**2 * np.outer(added, added)
     # All differences are in proportion to those that the geometry makes: where index and centre are off, so are they.
-    off = Projection(_off_by_an_error(located), located.size).index_slope(behind.pixels) - slopes[len(beside.pixels) :]
-    share_off = np.sum(off * slopes[len(beside.pixels) :]) / max(np.sum(slopes**2), 1e-300)
+    off = Projection(_off_by_an_error(located), located.size).index_slope(behind.pixels) - slopes[beside_count:]
+    share_off = np.sum(off * slopes[beside_count:]) / max(np.sum(slopes**2), 1e-300)
     covariance = covariance + np.outer(numbers[:, -1], numbers[:, -1]) * share_off**2
     return ColourDifferences(numbers[:, -1], covariance, numbers[:, 2] + numbers[:, 3], scatter)
 

@@ -86,7 +86,7 @@ def find_camera(
 
 def _pose(corners: Corners, fov: float, lens: LensPrior, size: PictureSize) -> Camera:
     """A camera with this angle of view that sees the corners (OpenCV's `solvePnP`)."""
-    cv2 = opencv("a photograph of a board")
+    cv2 = opencv()
     points, matrix = np.pad(corners.places, ((0, 0), (0, 1))), lens.camera_matrix(size, fov)
     _, turn, shift = cv2.solvePnP(points, corners.pixels, matrix, lens.opencv_distortion)
     return Camera(turn.ravel(), shift.ravel(), fov, lens.mean[1:3], lens.mean[3:])
@@ -94,7 +94,7 @@ def _pose(corners: Corners, fov: float, lens: LensPrior, size: PictureSize) -> C
 
 def _refined(photograph: Photograph, board: CharucoBoard, sight: Projection) -> Corners:
     """The corners that OpenCV finds, each in a window by the size of its square."""
-    cv2, expected = opencv("a photograph of a board"), sight.where(board.corners)
+    cv2, expected = opencv(), sight.where(board.corners)
     steps = [sight.where(board.corners + step) - expected for step in board.square * np.eye(2)]
     sizes = np.minimum(*(np.linalg.norm(step, axis=1) for step in steps))  # The shorter side of a square, in pixels.
     # The window is 0.13 squares to each side, for a marker begins at 0.15 of its square.
@@ -211,9 +211,10 @@ def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], le
     first = photographs[0]
     views = [camera.view._replace(turn=first.turn_to(one)) for camera, one in zip(found, photographs, strict=True)]
     seen = adjust(views, known_before(lens)).views
-    apart = [camera.lens.mean - one.lens.mean for camera, one in zip(found, seen, strict=True)]
+    pairs = list(zip(found, seen, strict=True))
+    apart = [camera.lens.mean - one.lens.mean for camera, one in pairs]
     # One of another zoom moves what all say: the median of what each says stays.
-    shares = np.array([camera.lens.mean[0] / one.setup.camera.fov for camera, one in zip(found, seen, strict=True)])
+    shares = np.array([camera.lens.mean[0] / one.setup.camera.fov for camera, one in pairs])
     for photograph, camera, share in zip(photographs, found, shares / np.median(shares), strict=True):
         fov, error = camera.lens.mean[0], camera.lens.errors[0]
         if abs(share - 1) > max(0.01, 8 * error / fov):
@@ -228,5 +229,5 @@ def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], le
             **(vars(one) | {"covariance": birge * one.covariance, "blur": camera.blur}),
             view=camera.view._replace(setup=one.setup),
         )
-        for camera, one in zip(found, seen, strict=True)
+        for camera, one in pairs
     ]

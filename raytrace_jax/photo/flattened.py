@@ -3,17 +3,14 @@
 from typing import NamedTuple, cast
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from scipy import ndimage
 
 from ..errors import PictureError
 from .illumination import IlluminationMap, fit_illumination
 from .locate import Located
-from .photograph import PixelGrid, offsets
+from .photograph import Image, PixelGrid, offsets
 from .sight import REACH
-
-Image = Float[np.ndarray, "3 height width"]
-"""A scene-linear picture."""
 
 RIM, AROUND = 1.04, 1.12
 """In radii of the ball's outline: from where on the board is seen directly, and how far the fitted picture reaches, so

@@ -21,6 +21,9 @@ from ..util.numerics import TINY, dot, normalize, safe_sqrt
 Scalar = Float[Any, ""]
 """One number, of NumPy or of JAX."""
 
+Pair = Float[Any, "2"]
+Triple = Float[Any, "3"]
+
 Points = Float[Array, "n 2"]
 """Pixels, or places on the board's plane."""
 
@@ -29,6 +32,9 @@ LOST = 5.0
 
 LENS = [*range(6, 11)]
 """Where the numbers of the lens, angle of view, distortion and principal point, lie in each raveled set-up."""
+
+Numbers = Float[np.ndarray, " numbers"]
+"""All numbers of a set-up, raveled."""
 
 Size = tuple[int, int] | Float[Array, "2"]
 """Width and height of a picture, in pixels."""
@@ -90,11 +96,11 @@ class Camera(eqx.Module):
             the picture.
     """
 
-    rotation: Float[Any, "3"] = number("turn.x", "turn.y", "turn.z", scale=0.02, is_own=True)
-    translation: Float[Any, "3"] = number("shift.x", "shift.y", "shift.z", scale=0.02, is_own=True)
+    rotation: Triple = number("turn.x", "turn.y", "turn.z", scale=0.02, is_own=True)
+    translation: Triple = number("shift.x", "shift.y", "shift.z", scale=0.02, is_own=True)
     fov: Scalar = number("fov", scale=1.0)
-    distortion: Float[Any, "2"] = number("k1", "k2", scale=0.02)
-    principal_offset: Float[Any, "2"] = number("principal_point.x", "principal_point.y", scale=0.01)
+    distortion: Pair = number("k1", "k2", scale=0.02)
+    principal_offset: Pair = number("principal_point.x", "principal_point.y", scale=0.01)
 
     def focal_length(self, size: Size) -> Float[Array, ""]:
         """The focal length in pixels of a picture of this width and height."""
@@ -166,7 +172,7 @@ class Ball(eqx.Module):
     """
 
     ior: Scalar = number("index", scale=0.05)
-    center: Float[Any, "3"] = number("center.x", "center.y", "center.z", scale=0.1, is_own=True)
+    center: Triple = number("center.x", "center.y", "center.z", scale=0.1, is_own=True)
     radius: Scalar = number("radius")
 
     def follow(self, o: Rays, d: Rays, outside: Any) -> Seen:
@@ -201,12 +207,12 @@ class Tank(eqx.Module):
     """
 
     ior: Scalar = number("index", scale=0.05)
-    center: Float[Any, "3"] = number("center.x", "center.y", "center.z", is_own=True, is_result=False)
-    tilt: Float[Any, "2"] = number("tilt.x", "tilt.y", scale=0.02, is_own=True)
+    center: Triple = number("center.x", "center.y", "center.z", is_own=True, is_result=False)
+    tilt: Pair = number("tilt.x", "tilt.y", scale=0.02, is_own=True)
     thickness: Scalar = number("thickness")
     wall: Scalar = number("wall")
     wall_index: Scalar = number("wall_index")
-    wedge: Float[Any, "2"] = number("wedge.x", "wedge.y")
+    wedge: Pair = number("wedge.x", "wedge.y")
 
     def follow(self, o: Rays, d: Rays, outside: Any) -> Seen:
         """Refract rays at both faces of the front wall and of the back wall, by Snell's law; `outside` is an index.
@@ -268,11 +274,11 @@ class Setup(eqx.Module):
         return [k for k, name in enumerate(self.names) if name in names or name.partition(".")[0] in names]
 
     @property
-    def vector(self) -> Float[np.ndarray, " numbers"]:
+    def vector(self) -> Numbers:
         """All numbers in a row, raveled."""
         return np.hstack(jax.tree.leaves(self))
 
-    def at(self, vector: Float[np.ndarray, " numbers"]) -> "Setup":
+    def at(self, vector: Numbers) -> "Setup":
         """A set-up like this one with other numbers; outside of programs, for JAX would compile some for it."""
         leaves, form = jax.tree.flatten(self)
         parts = np.split(vector, np.cumsum([np.size(leaf) for leaf in leaves])[:-1])

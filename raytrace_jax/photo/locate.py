@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import PictureError
-from ..util.digits import with_error
+from ..util.digits import Measurement, with_error
 from .alignment import align
 from .boards import CharucoBoard, Quads
 from .bundle import Adjusted, AdjustedView, Measured, PhotoView, Prior, adjust, known_before
@@ -89,7 +89,7 @@ class PhotoResult:
         return view._replace(setup=self.alone.views[0].setup, through=self.through) if self.alone else view
 
     @property
-    def index_alone(self) -> tuple[float, float]:
+    def index_alone(self) -> Measurement:
         """The index that this photograph tells alone, and its standard deviation."""
         assert self.alone is not None, "its corners are measured"
         return self.alone.views[0].ior

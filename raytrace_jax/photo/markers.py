@@ -29,7 +29,7 @@ def find_markers(photograph: Photograph, board: CharucoBoard) -> Corners:
     Raises:
         PictureError: there are too few markers of this board; the message says what was found.
     """
-    cv2, grey, name = opencv("a photograph of a board"), photograph.grey, photograph.name
+    cv2, grey, name = opencv(), photograph.grey, photograph.name
     corners, place, others = markers_of(grey, board)
     if len(place) < LEAST_DIRECT:
         raise PictureError(f"{name}: {_too_few(grey, board, len(place), others)}")
@@ -88,7 +88,7 @@ def markers_in(grey: Grey, dictionary: str) -> tuple[Quads, MarkerNumbers]:
 @functools.lru_cache(maxsize=128)  # It takes seconds, and each photograph is looked at again; its grey is small.
 def _markers_of(grey: bytes, shape: tuple[int, int], dictionary: str):
     """As `markers_in`."""
-    aruco = opencv("a photograph of a board").aruco
+    aruco = opencv().aruco
     how = aruco.DetectorParameters()
     how.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
     # Small markers through glass: OpenCV's own least perimeter is 3 % of the picture's side.
@@ -147,7 +147,7 @@ def layers_of(photograph: Photograph, board: CharucoBoard, lens: LensPrior) -> L
         NothingThrough: too few are seen through it.
     """
     find_markers(photograph, board)  # It refuses what shows no such board.
-    cv2 = opencv("a photograph of a board")
+    cv2 = opencv()
     corners, markers, _ = markers_of(photograph.grey, board)
 
     # Straight lines are straight once what is known of the lens is undone.

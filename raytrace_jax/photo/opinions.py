@@ -9,6 +9,7 @@ from scipy.special import gammaincinv
 
 from ..inverse.judge.model_check import Contradiction, contradicted
 from ..inverse.result import FitResult
+from ..util.numerics import root_diagonal
 from .bundle import Adjusted
 from .geometry import LENS, Setup
 from .locate import Located, PhotoResult, Together
@@ -136,7 +137,7 @@ def contradictions(adjusted: Adjusted) -> tuple[Contradiction, ...]:
     stated = root[:, : len(setup.numbers)].any(axis=0)
     known = np.setdiff1d(np.flatnonzero(stated), setup.places("depth", "center"))
     before = np.sqrt(np.diagonal(np.linalg.inv(root[:, known].T @ root[:, known])))
-    after = np.sqrt(np.diagonal(adjusted.covariance))
+    after = root_diagonal(adjusted.covariance)
     return contradicted(
         Contradiction.of(setup.names[k], (float(adjusted.joint[k]), float(after[k])), (float(mean[k]), float(spread)))
         for k, spread in zip(known, before, strict=True)
@@ -191,7 +192,7 @@ def budget(adjusted: Adjusted) -> Budget:
         return float(variance - across @ np.linalg.pinv(covariance[np.ix_(places, places)]) @ across)
 
     # In units of each number's error; the corners' precision is what is left of all precision.
-    spread = np.sqrt(np.diagonal(covariance))
+    spread = root_diagonal(covariance)
     free = np.flatnonzero(spread > 0)
     before = root[:, free] * spread[free]
     whole = np.linalg.pinv(covariance[np.ix_(free, free)] / np.outer(spread[free], spread[free]))

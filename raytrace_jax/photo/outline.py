@@ -15,7 +15,7 @@ from ..errors import PictureError
 from .boards import CharucoBoard
 from .geometry import Setup
 from .illumination import fit_illumination
-from .photograph import Photograph, PixelGrid, offsets
+from .photograph import Photograph, PixelGrid, Place, offsets
 from .sight import Projection
 
 Circle = Float[np.ndarray, "3"]
@@ -38,7 +38,7 @@ INSIDE, AROUND = np.array([0.2, 0.4, 0.6, 0.75, 0.87, 0.96]), np.array([1.06, 1.
 class Disc(NamedTuple):
     """An outline in the photograph: its middle and its radius, in pixels."""
 
-    center: Float[np.ndarray, "2"]
+    center: Place
     radius: float
 
     def __str__(self) -> str:
@@ -139,7 +139,7 @@ def _fitted(circle: Circle, hidden, known) -> Circle:
         def unlike(x: Circle, start=circle, balance=balance) -> float:
             growth = np.log(max(x[2], 1.0) / start[2])
             places = x[:2] + x[2] * FILLING[:, None, None] * TOWARD
-            inside = ndimage.map_coordinates(balance, np.moveaxis(places, -1, 0)[::-1], order=1)
+            inside = _between_pixels(balance, places)
             is_far = max(abs(growth) - 0.4, 0)
             return float(-np.exp(2 * growth) * (inside.mean(axis=1) @ FILLING) + is_far * len(FILLING))
 
@@ -147,12 +147,17 @@ def _fitted(circle: Circle, hidden, known) -> Circle:
         options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-4}
         circle = optimize.minimize(unlike, circle, method="Nelder-Mead", options=options).x
         beyond = circle[:2] + circle[2] * AROUND[:, None, None] * TOWARD
-        around = ndimage.map_coordinates(hidden * known, np.moveaxis(beyond, -1, 0)[::-1], order=1).mean(axis=0)
+        around = _between_pixels(hidden * known, beyond).mean(axis=0)
         if np.sum(is_held := around > 0.5) > len(TOWARD) // 2:
             break
         sector = np.round(np.arctan2(row - circle[1], column - circle[0]) / ANGLES[1]).astype(int) % len(TOWARD)
         balance = np.where(is_held[sector], 0.0, whole)
     return circle
+
+
+def _between_pixels(image: np.ndarray, places: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, " *any"]:
+    """A picture's values at columns and rows that lie between its pixels; 0 beyond its border."""
+    return ndimage.map_coordinates(image, np.moveaxis(places, -1, 0)[::-1], order=1)
 
 
 def _scores(
@@ -165,8 +170,7 @@ def _scores(
 
     def at(shares):
         places = circles[:, None, None, :2] + circles[:, None, None, 2:] * shares[:, None] * TOWARD[:, None]
-        where = np.moveaxis(places, -1, 0)[::-1]
-        return (ndimage.map_coordinates(one, where, order=1) for one in (hidden, known))
+        return (_between_pixels(one, places) for one in (hidden, known))
 
     inside, is_known = at(INSIDE)
     area = np.maximum((is_known * INSIDE).sum(axis=(1, 2)), 0.5 * INSIDE.sum() * len(TOWARD))

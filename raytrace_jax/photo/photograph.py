@@ -10,6 +10,15 @@ from .lens import PictureSize, Turn
 Places = Float[np.ndarray, "n 2"]
 """Pixels of a photograph, or places of the board."""
 
+Place = Float[np.ndarray, "2"]
+"""One of these."""
+
+Light = Float[np.ndarray, "height width"]
+"""What a photograph shows, scene-linear, the mean of its channels."""
+
+Image = Float[np.ndarray, "3 height width"]
+"""A scene-linear picture."""
+
 RAYS = 9
 """Rays of a pixel; the board's brightness in the pixel is the mean over all of them."""
 
@@ -24,7 +33,7 @@ class Photograph(NamedTuple):
         orientation: how EXIF says that it was turned to be upright.
     """
 
-    light: Float[np.ndarray, "height width"]
+    light: Light
     grey: UInt8[np.ndarray, "height width"]
     name: str
     orientation: int = 1
@@ -66,7 +75,7 @@ class Corners(NamedTuple):
         return Corners(self.pixels[chosen], self.places[chosen], self.spread[chosen])
 
 
-def photograph_of(image: Float[np.ndarray, "3 height width"], name: str, orientation: int = 1) -> Photograph:
+def photograph_of(image: Image, name: str, orientation: int = 1) -> Photograph:
     """A scene-linear picture as it is measured: OpenCV sees it as a screen shows it, its brightest hundredth white."""
     light = np.mean(np.asarray(image, np.float64), axis=0)
     white = max(float(np.percentile(light, 99)), 1e-9)
@@ -107,7 +116,7 @@ class PixelGrid(NamedTuple):
         left = (photograph[0] - size[0] * binning) // 2, (photograph[1] - size[1] * binning) // 2
         return cls(binning, left, size, (0, 0, *size))
 
-    def around(self, center: Float[np.ndarray, "2"], radius: float) -> "PixelGrid":
+    def around(self, center: Place, radius: float) -> "PixelGrid":
         """The part of this grid in a square around a place of the photograph; the radius is half its side."""
         first = np.floor((center - radius - self.left) / self.binning).astype(int)
         last = np.ceil((center + radius - self.left) / self.binning).astype(int)

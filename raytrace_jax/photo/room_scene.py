@@ -16,6 +16,7 @@ from ..scene.build import make_scene
 from ..scene.rows import Description
 from ..scene.scene import Scene
 from ..util.compilation import jit
+from ..util.numerics import root_diagonal
 from .boards import CharucoBoard
 from .flattened import Flattened
 from .geometry import Camera, Setup, Tank
@@ -98,8 +99,9 @@ def room_scene(
         parts.append([*_photograph(view, flat.grid, flat.field.ink, end, aside), sphere])
         index, film = ("glass.ior", f"eye{end}") if end else ("ball.ior", "film")
         center = [f"ball{end}.center.{axis}" for axis in "xyz"]
-        free += [*([] if k else [index]), f"ball{end}.center", f"{film}.gain", f"{film}.blur"]
-        glass += [*([] if k else [index]), *center]
+        common = [] if k else [index]
+        free += [*common, f"ball{end}.center", f"{film}.gain", f"{film}.blur"]
+        glass += [*common, *center]
         held += [name.replace("eye.", f"eye{end}.").replace("ball.", f"ball{end}.") for name in HELD]
         slopes.append(np.asarray(_slope(view.setup, view.size, flat.grid)) @ chain)
     first = located[0].setup
@@ -116,7 +118,7 @@ def room_scene(
     slope = np.concatenate([*of_glass, *(slope[GLASSES:] for slope in slopes)])
     whole = slope @ covariance @ slope.T
     own = whole[len(glass) :, len(glass) :]
-    spread = np.sqrt(np.diagonal(own))
+    spread = root_diagonal(own)
     known = [k for k in range(len(held)) if spread[k] > 0]
     pairs = {(held[i], held[j]): float(own[i, j] / (spread[i] * spread[j])) for i in known for j in known if i < j}
     scene, shown = make_scene(*room, *itertools.chain(*parts)), {}

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from ..util.compilation import jit
 from .geometry import Camera, Seen, Setup, Tank
 from .lens import PictureSize
-from .photograph import Places
+from .photograph import Place, Places
 
 REACH = 0.94
 """What is seen through the glass counts within this fraction of the outline's radius: the rim is squashed and shows the
@@ -108,7 +108,7 @@ class Projection:
         return np.asarray(focal + np.sum((center - principal_point) ** 2, axis=-1) / focal)
 
     @property
-    def outline(self) -> tuple[Float[np.ndarray, "2"], float]:
+    def outline(self) -> tuple[Place, float]:
         """Where the ball's centre is seen, and about how large its outline's radius is, in pixels; a tank fills all."""
         ball = self.setup.glass
         if isinstance(ball, Tank):
@@ -118,7 +118,7 @@ class Projection:
         radius = float(ball.radius)
         return center, radius / np.sqrt(max(squared - radius**2, 1e-9)) * float(self.focal_at(center))
 
-    def center_of(self, center: Float[np.ndarray, "2"], radius: float) -> Float[np.ndarray, "3"]:
+    def center_of(self, center: Place, radius: float) -> Float[np.ndarray, "3"]:
         """The centre of a ball of the set-up's radius that has this outline."""
         tangent = radius / float(self.focal_at(center))
         off = np.append(self.directly(center[None]).place[0], 0.0) - self.viewpoint

@@ -6,6 +6,9 @@ from fractions import Fraction
 
 import numpy as np
 
+Measurement = tuple[float, float]
+"""An estimate and its standard deviation."""
+
 MOST_DIGITS = 16  # No float64 has more digits than these for certain.
 
 

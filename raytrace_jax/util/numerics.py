@@ -200,9 +200,14 @@ def finite_or_last(cost: float) -> float:
     return cost if math.isfinite(cost) else math.inf
 
 
+def root_diagonal(matrix: Float[np.ndarray, "numbers numbers"]) -> Float[np.ndarray, " numbers"]:
+    """The roots of a diagonal: standard deviations by a covariance, lengths of columns by their inner products."""
+    return np.sqrt(np.maximum(np.diagonal(matrix), 0))
+
+
 def solve_normal(normal: Float[np.ndarray, "parameters parameters"], right: Float[np.ndarray, "parameters *changes"]):
     """Solve normal equations after scaling the columns to length one; the solution is 0 along what they leave open."""
-    length = np.sqrt(np.maximum(np.diagonal(normal), 0))
+    length = root_diagonal(normal)
     length = np.where(length > 0, length, 1.0)
     by_row = length.reshape(-1, *[1] * (right.ndim - 1))
     return np.linalg.lstsq(normal / np.outer(length, length), right / by_row, rcond=1e-12)[0] / by_row

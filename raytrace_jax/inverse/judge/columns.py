@@ -17,8 +17,11 @@ from ...tracer.pixels import sample_offsets
 from ...util.numerics import TINY, on_host
 from ..problem.fixed import inward_step, moved_together, number_size
 from ..problem.problem import FitState, Problem
-from ..problem.unknowns import Image, Mask
+from ..problem.unknowns import Image, Mask, PixelIndices
 from .structure import block_sums
+
+CheckClock = Callable[[], None]
+"""What is called before each few scenes are rendered; it raises to abort."""
 
 
 class PixelSample(NamedTuple):
@@ -29,9 +32,9 @@ class PixelSample(NamedTuple):
         probability: that it was sampled; its weight is the inverse (Horvitz and Thompson 1952).
     """
 
-    row: Int[np.ndarray, " pixels"]
-    column: Int[np.ndarray, " pixels"]
-    block: Int[np.ndarray, " pixels"]
+    row: PixelIndices
+    column: PixelIndices
+    block: PixelIndices
     probability: Float[np.ndarray, " pixels"]
 
     def of(self, image: np.ndarray) -> np.ndarray:
@@ -88,7 +91,7 @@ class SampledPicture:
 
     state: FitState
     traced: PixelSample
-    check_clock: Callable[[], None] = lambda: None
+    check_clock: CheckClock = lambda: None
 
     @property
     def problem(self) -> Problem:
@@ -122,7 +125,7 @@ class SampledPicture:
         # In float64 so little that hardly any pixel jumps, which no derivative sees, and 1e-5 of the difference is
         # rounding: of points 1e-9 gives the same to a thousandth, with 1e-7 jumps are no longer told by their height.
         # In float32 the root of the roundings.
-        return 1e-8 if self.problem.observation.target.dtype == np.float64 else 3e-4
+        return 1e-8 if self.problem.dtype == np.float64 else 3e-4
 
     @property
     def root_weight(self) -> Float[np.ndarray, "3 pixels"]:
@@ -179,9 +182,7 @@ def margin_at(state: FitState) -> int:
     return min(math.ceil(state.problem.response_reach(state.y)), 8)
 
 
-def pixels_to_check(
-    state: FitState, most: int = 20_000, check_clock: Callable[[], None] = lambda: None
-) -> SampledPicture:
+def pixels_to_check(state: FitState, most: int = 20_000, check_clock: CheckClock = lambda: None) -> SampledPicture:
     """The pixels that stand for a picture: all, or a sample of about `most`.
 
     In a point-sampled picture some pixels at the rim of glass decide as much as all others, as their derivatives tell.
@@ -215,7 +216,7 @@ def free_columns(pixels: SampledPicture) -> Float[np.ndarray, "parameters 3 pixe
     numbers = {name: [resolve(problem.scene, name)] for name in unknowns.traced_unknowns.names}
     for follower, leader in unknowns.traced_unknowns.ties:
         numbers[leader].append(resolve(problem.scene, follower))
-    columns[list(unknowns.traced)] = number_columns(pixels, numbers)
+    columns[unknowns.traced] = number_columns(pixels, numbers)
     return columns
 
 

@@ -2,21 +2,21 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from ...util.digits import with_error
-from ...util.numerics import MAD_TO_SIGMA, TINY, on_host, solve_normal
+from ...util.digits import Measurement, with_error
+from ...util.numerics import MAD_TO_SIGMA, TINY, on_host, root_diagonal, solve_normal
 from ...util.text import listed
-from ..problem.fixed import fixed_numbers, root_covariance
+from ..problem.fixed import Correlations, Spreads, fixed_numbers, root_covariance
 from ..problem.noise import sample_jump, storage_bound
 from ..problem.problem import FitState
 from ..problem.unknowns import Covariance, Image, Values
-from .columns import PixelSample, free_columns, pixels_to_check
+from .columns import CheckClock, PixelSample, free_columns, pixels_to_check
 from .score_test import (
     Cause,
     Column,
@@ -29,6 +29,7 @@ from .score_test import (
     orthogonal_to,
     response_hypotheses,
     scene_hypotheses,
+    stacked,
 )
 from .structure import beyond, block_scatter, distant_correlation, weighted
 
@@ -63,12 +64,12 @@ class Contradiction(NamedTuple):
     """
 
     name: str
-    found: tuple[float, float]
-    stated: tuple[float, float]
+    found: Measurement
+    stated: Measurement
     deviations: float
 
     @classmethod
-    def of(cls, name: str, found: tuple[float, float], stated: tuple[float, float], excess: float = 0.0):
+    def of(cls, name: str, found: Measurement, stated: Measurement, excess: float = 0.0):
         """Compare an estimate with what was stated.
 
         Of least squares `Var(estimate - stated mean) = stated variance - variance of the estimate`. It is at least a
@@ -182,15 +183,11 @@ def short_count(errors: float) -> str:
     return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:.2g}"
 
 
-Correlations = Mapping[tuple[str, str], float]
-"""Correlations of uncertain numbers by pairs of canonical names."""
-
-
 def expected_error(
     state: FitState,
-    uncertain: Mapping[str, float],
+    uncertain: Spreads,
     correlations: Correlations,
-    check_clock: Callable[[], None] = lambda: None,
+    check_clock: CheckClock = lambda: None,
 ) -> Values:
     """About the standard errors of the unknowns, before the last steps: those of white noise, and of what is stated.
 
@@ -239,11 +236,6 @@ def merged(views: Sequence[Sequence[Hypothesis]], lengths: Sequence[int]) -> lis
     return found
 
 
-def stacked(numbers: Sequence[Hypothesis], weight: Column) -> Columns:
-    """The columns of some numbers, of as many rows as there are weights."""
-    return np.reshape([number.column for number in numbers], (len(numbers), len(weight)))
-
-
 def stated_moves(
     sensitivity: Float[np.ndarray, "parameters numbers"], numbers: Sequence[Hypothesis], correlations: Correlations
 ) -> Float[np.ndarray, "parameters parts"]:
@@ -256,9 +248,9 @@ def stated_moves(
 def check_model(
     state: FitState,
     standard_error: Values,
-    uncertain: Mapping[str, float],
+    uncertain: Spreads,
     correlations: Correlations = MappingProxyType({}),
-    check_clock: Callable[[], None] = lambda: None,
+    check_clock: CheckClock = lambda: None,
 ) -> ModelCheck:
     """Check the model at an unblurred optimum.
 
@@ -314,7 +306,7 @@ def check_model(
             ]
         )
         structure = structure + scatter
-        is_structured |= bool(largest_shift(np.sqrt(np.diagonal(scatter))[:, None], standard_error)[0] > 1)
+        is_structured |= bool(largest_shift(root_diagonal(scatter)[:, None], standard_error)[0] > 1)
         is_structured |= any(view.is_beyond_samples for view in views)
     return ModelCheck(assumptions, causes, moved @ moved.T, structure, correlation, is_structured)
 
@@ -349,7 +341,7 @@ class CheckedView(NamedTuple):
         return bool(beyond(observation, self.evidence, self.weight, jump).any())
 
 
-def checked_view(state: FitState, uncertain: Mapping[str, float], check_clock: Callable[[], None]) -> CheckedView:
+def checked_view(state: FitState, uncertain: Spreads, check_clock: CheckClock) -> CheckedView:
     """Sample a view's pixels, with their derivatives by what is free, by the scene's fixed numbers, and the response's.
 
     Evidence is the residual beyond what the storing of the target makes by itself.

@@ -26,7 +26,7 @@ from ...scene.response import (
 from ...scene.scene import CameraResponse
 from ...scene.schema import RGB, Attribute, Range
 from ...util.numerics import TINY, on_device, on_host, solve_normal
-from ..problem.fixed import fixed_numbers, moving_numbers, number_size
+from ..problem.fixed import Spreads, fixed_numbers, moving_numbers, number_size
 from ..problem.unknowns import Covariance, Image
 from .columns import SampledPicture, number_columns
 
@@ -124,9 +124,7 @@ class Hypothesis(NamedTuple):
         return Cause(self.name, unit, per_unit, advice, self.change(amount), score)
 
 
-def scene_hypotheses(
-    pixels: SampledPicture, uncertain: Mapping[str, float], only_stated: bool = False
-) -> list[Hypothesis]:
+def scene_hypotheses(pixels: SampledPicture, uncertain: Spreads, only_stated: bool = False) -> list[Hypothesis]:
     """The fixed numbers of the scene, or those of them that are stated to be uncertain.
 
     A colour, or a gamma, may be off by half of its size if the picture is to change in proportion; other numbers by a
@@ -162,7 +160,7 @@ def response_hypotheses(
     problem = pixels.problem
     film = problem.scene_at(pixels.state.y).film
     if film is None:
-        film = neutral_response(problem.observation.target.dtype)
+        film = neutral_response(problem.dtype)
         if problem.whole.further_views:  # Each has its own, of the camera's name.
             film = dataclasses.replace(film, name=problem.scene.camera.name)
     free = set(moving_numbers(problem.scene, dataclasses.replace(problem.local, ties=())))
@@ -279,6 +277,11 @@ def block_totals(products: Columns, block: Int[np.ndarray, " rows"]) -> Float[np
     return np.add.reduceat(products[:, order], starts, axis=1)
 
 
+def stacked(numbers: Sequence[Hypothesis], weight: Column) -> Columns:
+    """The columns of some numbers, of as many rows as there are weights."""
+    return np.reshape([number.column for number in numbers], (len(numbers), len(weight)))
+
+
 def largest_shift(shifts: Float[np.ndarray, "parameters changes"], standard_error) -> Float[np.ndarray, " changes"]:
     """The largest shift of an estimate by each change, in its standard errors; 0 where it has none."""
     error = np.where(np.isfinite(standard_error) & (standard_error > 0), standard_error, np.inf)
@@ -300,7 +303,7 @@ def find_causes(
         The causes, the best explanation first; and what they do to the estimate, as a covariance.
     """
     structure, causes = np.zeros((len(free), len(free))), []
-    columns = np.reshape([each.column for each in hypotheses], (len(hypotheses), free.shape[1]))
+    columns = stacked(hypotheses, rows.weight)
     reach = np.reshape([each.reach for each in hypotheses], (-1, 2)).T
     least_left = np.array([each.least_left for each in hypotheses])
     sensitivity = -fitted(free, columns, rows.weight)

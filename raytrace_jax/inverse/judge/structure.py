@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from ...util.numerics import TINY, on_host, solve_normal
+from ...util.numerics import TINY, on_host, root_diagonal, solve_normal
 from ..problem.observation import Observation
 from ..problem.problem import FitState
 from ..problem.unknowns import Covariance, Image, Images, Mask
@@ -23,11 +23,16 @@ EVIDENCE = 3.0
 """Standard errors by which the winner must be better than another minimum."""
 
 
-def block_sums(image: Float[np.ndarray, "channels height width"], side: int):
-    """Sums over blocks of `side` pixels a side, "channels rows columns"; those at the far borders are cut."""
+def in_blocks(image: Float[np.ndarray, "channels height width"], side: int):
+    """A picture as "channels rows side columns side" by blocks of `side` pixels a side, with 0 beyond its borders."""
     channels, height, width = image.shape
     padded = np.pad(image, ((0, 0), (0, -height % side), (0, -width % side)))
-    return padded.reshape(channels, padded.shape[1] // side, side, -1, side).sum((2, 4))
+    return padded.reshape(channels, padded.shape[1] // side, side, -1, side)
+
+
+def block_sums(image: Float[np.ndarray, "channels height width"], side: int):
+    """Sums over blocks of `side` pixels a side, "channels rows columns"; those at the far borders are cut."""
+    return in_blocks(image, side).sum((2, 4))
 
 
 def is_explained(residual: Image, target: Image, counts: Mask, matters: Mask) -> bool:
@@ -110,10 +115,8 @@ def distant_correlation(residual: Image, near: int = 4) -> float:
             picture, more of a compressed one.
     """
     # Blocks are larger than that, and there are many in a picture.
-    side, (_, height, width) = 4 * near, residual.shape
-    padded = np.pad(residual, ((0, 0), (0, -height % side), (0, -width % side)))
-    blocks = padded.reshape(3, padded.shape[1] // side, side, -1, side).transpose(1, 3, 0, 2, 4)
-    blocks = blocks.reshape(-1, 3, side, side)
+    side = 4 * near
+    blocks = in_blocks(residual, side).transpose(1, 3, 0, 2, 4).reshape(-1, 3, side, side)
 
     # Sums over pairs without a loop over them: a residual times the sum of all but those around it.
     window = 2 * near + 1
@@ -134,7 +137,7 @@ def block_scatter(views: Sequence[tuple[Float[np.ndarray, "... 3 _ _"], ...]]) -
     count = len(views[0][0])
     flats = [(jacobian.reshape(count, -1), weight.reshape(-1)) for jacobian, weight, _ in views]
     normal = np.sum([(flat * weight) @ flat.T for flat, weight in flats], axis=0)
-    length = np.sqrt(np.maximum(np.diagonal(normal), 0))
+    length = root_diagonal(normal)
     pulls = [np.sum(jacobian * (weight * residual), axis=1) for jacobian, weight, residual in views]
     moved = []
     for side in (16, 32, 64):

@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from ...util.numerics import MAD_TO_SIGMA, TINY, on_host
+from ...util.numerics import MAD_TO_SIGMA, TINY, on_host, root_diagonal
 from ..problem.linearize import RANK_TOLERANCE, outer
 from ..problem.noise import rounding_scatter, score_covariance
 from ..problem.problem import FitState
@@ -61,6 +61,11 @@ class Uncertainty:
     @property
     def correlation(self) -> Covariance:
         return correlation_of(self.covariance)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether any error is known."""
+        return not np.all(np.isnan(self.standard_error))
 
     @classmethod
     def unknown(cls, count: int, sigma: float | None) -> "Uncertainty":
@@ -131,7 +136,7 @@ def _quantify(states: Sequence[FitState], sigma: float | None) -> Uncertainty:
     lengths = np.linalg.norm(triangle, axis=0)
     length = np.where(lengths > 0, lengths, 1)
     _, strengths, directions = np.linalg.svd(triangle / length, full_matrices=False)
-    rounding = float(np.finfo(problem.observation.target.dtype).eps)
+    rounding = float(np.finfo(problem.dtype).eps)
     # At least a thousand roundings, the digits of sums over a hundred thousand pixels; they rule in float32.
     tolerance = max(RANK_TOLERANCE, 1e3 * rounding)
     strong = strengths > tolerance * max(strengths[0], TINY)
@@ -153,7 +158,7 @@ def _quantify(states: Sequence[FitState], sigma: float | None) -> Uncertainty:
 
     # What no estimate can beat, and how well the noise explains what is left.
     information = np.sum([information_of(*each, unit, noise) for each in zip(states, noises, strict=True)], axis=0)
-    spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
+    spread = root_diagonal(covariance)
     least = inverse_root(information, tolerance**2)
     # A picture that fits exactly has no noise: infinity must not be multiplied by 0.
     bound = np.where(np.isfinite(least), noise * np.where(np.isfinite(least), least, 0), np.inf)
@@ -165,7 +170,7 @@ def _quantify(states: Sequence[FitState], sigma: float | None) -> Uncertainty:
         covariance=covariance * np.outer(scale, scale),
         cramer_rao=bound * scale,
         sigma=noise,
-        resolution=np.sqrt(np.maximum(np.diagonal(resolution), 0)) * scale,
+        resolution=root_diagonal(resolution) * scale,
         sigma_given=sigma is not None,
         reduced_chi_square=float("nan") if sigma is None else chi_square / sigma**2,
         condition_number=float(strengths[0] / strengths[-1]) if strengths[-1] > 0 else float("inf"),
@@ -235,7 +240,7 @@ def by_value(matrix: ArrayLike, unit: Values) -> Covariance:
 
 def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np.ndarray, "numbers numbers"]:
     """The correlation matrix of a covariance; a number without a spread correlates with no other."""
-    spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
+    spread = root_diagonal(covariance)
     length = np.where(spread == 0, 1, spread)
     correlation = covariance / np.outer(length, length)
     known = np.isfinite(spread)
@@ -245,7 +250,7 @@ def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np
 
 def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:
     """Square roots of the diagonal of a symmetric matrix's inverse; infinity where it has none, as in `_quantify`."""
-    lengths = np.sqrt(np.maximum(np.diagonal(information), 0))
+    lengths = root_diagonal(information)
     length = np.where(lengths > 0, lengths, 1)
     strengths, directions = np.linalg.eigh(information / np.outer(length, length))
     strong = strengths > max(tolerance, 1e-15) * max(strengths[-1], TINY)  # A few roundings of float64.

@@ -12,11 +12,14 @@ from .problem import FitState, Problem
 from .sampling import lattice_offsets, pixel_moments
 from .unknowns import Image, Vector
 
+Samples = int | Literal["aware"]
+"""Samples a pixel and side of a regular grid, or edge-aware pixels."""
+
 GRIDS = (*range(1, 17), 20)
 """Samples a pixel and side that are tried. Means of more are those over the pixel, for all that a fit can tell."""
 
 
-def detect_samples(state: FitState, variance: Image) -> int | Literal["aware"] | None:
+def detect_samples(state: FitState, variance: Image) -> Samples | None:
     """How the target's pixels were sampled, near the answer: by n x n samples on a regular grid, or edge-aware.
 
     None if neither stands out. Pictures of several grids and the edge-aware one are compared with the target, in some
@@ -63,11 +66,11 @@ def detect_samples(state: FitState, variance: Image) -> int | Literal["aware"] |
     # A few pixels tell a grid without noise, and leave some to be told by many. The mean over a pixel is told by more
     # samples than any grid has. Of other targets no grid had more than 0.7 standard errors in 40 draws of noise of 1, 2
     # or 4 of 255; of 8 x 8 samples the right one had 5.9 at least, 3.3 and .8.
-    tried: list[int | Literal["aware"]] = ["aware", *GRIDS]
+    tried: list[Samples] = ["aware", *GRIDS]
     for count in (96, 512):
         chosen = order[:count]
         finer = [of_samples(offsets, chosen) for offsets in (lattice_offsets(610), sample_offsets(24))]
-        distances: dict[int | Literal["aware"], np.ndarray] = {
+        distances: dict[Samples, np.ndarray] = {
             n: distance(off_aware[:, chosen], chosen) if n == "aware" else of_samples(sample_offsets(n), chosen)
             for n in tried
         }

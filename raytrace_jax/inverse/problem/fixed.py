@@ -18,6 +18,12 @@ from ..options import FitOptions
 from .problem import Problem
 from .unknowns import Unknowns
 
+Spreads = Mapping[str, float]
+"""Standard deviations of uncertain numbers by canonical name."""
+
+Correlations = Mapping[tuple[str, str], float]
+"""Correlations of uncertain numbers by pairs of canonical names."""
+
 
 def fixed_numbers(problem: Problem, named: Container[str] = ()) -> dict[str, Parameter]:
     """All numbers that the scene states, the model uses and the fit holds fixed, but for the film's.
@@ -111,7 +117,7 @@ def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain)
 
 
 def root_covariance(
-    names: Sequence[str], spread: Float[np.ndarray, " numbers"], correlations: Mapping[tuple[str, str], float]
+    names: Sequence[str], spread: Float[np.ndarray, " numbers"], correlations: Correlations
 ) -> Float[np.ndarray, "numbers numbers"]:
     """A square root of the covariance of uncertain numbers; its rows are changes that are independent of each other.
 

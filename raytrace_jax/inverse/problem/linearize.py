@@ -15,13 +15,16 @@ from ...util.numerics import TINY, on_host
 from ..options import LossName
 from .observation import Observation
 from .prediction import PredictedPicture
-from .unknowns import AnyArray, Prior, Values, Vector
+from .unknowns import AnyArray, Picture, Prior, Scalar, Values, Vector
 
 RANK_TOLERANCE = 1e-9
 """A direction along which the picture changes this much less than along the strongest one is not determined."""
 
 Residual = Float[Array, "*any"]
-Scalar = Float[Array, ""]
+
+
+LossPart = Literal["residual", "weight", "score"]
+"""The functions of a loss that are asked for at residuals."""
 
 
 class Loss(NamedTuple):
@@ -67,9 +70,7 @@ LOSSES: dict[LossName, Loss] = {
 
 
 @functools.partial(jit, static_argnames=("loss", "what"))
-def evaluate(
-    loss: LossName, what: Literal["residual", "weight", "score"], residual: Residual, scale: Scalar
-) -> Residual:
+def evaluate(loss: LossName, what: LossPart, residual: Residual, scale: Scalar) -> Residual:
     """A function of a loss at residuals, as one program."""
     return getattr(LOSSES[loss], what)(residual, scale)
 
@@ -94,7 +95,7 @@ class Linearization(eqx.Module):
 
     jacobian: Float[Array, "rows parameters"]
     residual: Float[Array, " rows"]
-    image: Float[Array, "3 height width"]
+    image: Picture
     bad: Bool[Array, "height width"]
     pixel_jacobian: Float[Array, "parameters 3 height width"]
     matters: Bool[Array, "3 height width"]

@@ -7,7 +7,7 @@ import warnings
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from ...errors import PictureError, RaytraceWarning
 from ...images.filters import bin_pixels
@@ -15,7 +15,7 @@ from ...scene.checks import is_gray
 from ...scene.scene import Scene
 from ...tracer.settings import ResolvedSettings
 from ...util.numerics import is_masked, on_device, on_host, real_numbers
-from .unknowns import AnyArray, Image, Mask
+from .unknowns import AnyArray, Image, Mask, Picture
 
 
 class Observation(eqx.Module):
@@ -27,9 +27,9 @@ class Observation(eqx.Module):
         root_weight: square root of the weight w of each pixel's channel in the sum of squares.
     """
 
-    target: Float[Array, "3 height width"]
-    bias: Float[Array, "3 height width"]
-    root_weight: Float[Array, "3 height width"]
+    target: Picture
+    bias: Picture
+    root_weight: Picture
 
     def residual(self, image: Float[AnyArray, "3 height width"]) -> Float[AnyArray, "3 height width"]:
         """Picture and bias minus target, weighted; a picture of numpy compiles nothing."""

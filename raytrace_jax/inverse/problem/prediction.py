@@ -24,7 +24,7 @@ from ...tracer.pixels import (
 )
 from ...util.compilation import jit
 from .observation import Observation
-from .unknowns import Image, Mask, Unknowns, Values, Vector, moved_scene
+from .unknowns import Image, Mask, Picture, Scalar, Unknowns, Values, Vector, moved_scene
 
 
 class PredictedPicture(eqx.Module):
@@ -34,7 +34,7 @@ class PredictedPicture(eqx.Module):
         sees_edge: the pixels of an edge-aware picture in which an edge is, as `Outcome.sees_edge`; else None.
     """
 
-    image: Float[Array, "3 height width"]
+    image: Picture
     jacobian: Float[Array, "parameters 3 height width"]
     sees_edge: Mask | None = None
 
@@ -111,7 +111,7 @@ class CameraModel:
         if not (self.is_needed or self.unknowns.unseen):
             return light
         jacobian = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
-        jacobian[list(self.unknowns.traced)] = light.jacobian
+        jacobian[self.unknowns.traced] = light.jacobian
         if not self.is_needed:
             return PredictedPicture(light.image, self._array(jacobian), light.sees_edge)
         developed = response_derivatives(light.image, jacobian, self._array(y), self.of_scene, self.unknowns, frame)
@@ -136,7 +136,7 @@ def best_response(
     lights: Float[Array, "pictures 3 height width"],
     scene: Scene,
     observation: Observation,
-    blur: Float[Array, ""],
+    blur: Scalar,
     unknowns: Unknowns,
     frame: Frame,
     linear: tuple[int, ...],
@@ -179,7 +179,7 @@ def best_response(
 
 @functools.partial(jit, static_argnames="frame")
 def response_changes(
-    image: Float[Array, "3 height width"],
+    image: Picture,
     changes: Float[Array, "changes 3 height width"],
     film: CameraResponse,
     frame: Frame,

@@ -4,11 +4,10 @@ import dataclasses
 import functools
 from collections import OrderedDict
 from collections.abc import Hashable, Sequence
-from typing import Literal
 
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Int, Num
+from jaxtyping import Array, Float, Num
 
 from ...images.jpeg import JpegStorage
 from ...scene.response import Frame
@@ -19,13 +18,14 @@ from ...tracer.pixels import Pixels
 from ...tracer.settings import ResolvedSettings
 from ...util.numerics import on_device, on_host
 from ..options import Stage
-from .linearize import Linearization, evaluate, linearize
+from .linearize import Linearization, LossPart, evaluate, linearize
 from .observation import Observation, nearest_power
 from .prediction import CameraModel, ForwardModel, PredictedPicture, forward_model
 from .unknowns import (
     Covariance,
     Image,
     Images,
+    PixelIndices,
     Prior,
     Unknowns,
     Values,
@@ -115,6 +115,11 @@ class Problem:
         """
         return 4 if self.storage is None else max(4, self.storage.unit)
 
+    @property
+    def dtype(self) -> np.dtype:
+        """The precision of the fit."""
+        return self.observation.target.dtype
+
     @functools.cached_property
     def model(self) -> ForwardModel:
         """The programs that compute the scene's radiance."""
@@ -151,7 +156,7 @@ class Problem:
         place = column + frame.left, row + frame.top
         return np.stack(picture_place(self.scene.camera, self.settings("point", binning), *place))
 
-    def places(self, binning: int = 1) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
+    def places(self, binning: int = 1) -> tuple[PixelIndices, PixelIndices]:
         """Columns and rows of all pixels in their order."""
         height, width = self.binned(binning).target.shape[1:]
         row, column = np.divmod(np.arange(width * height), width)
@@ -167,7 +172,7 @@ class Problem:
 
         They go by way of the host: an array on several devices is another kind of argument, and would compile anew.
         """
-        return on_device(values, self.observation.target.dtype)
+        return on_device(values, self.dtype)
 
     def y_of(self, values: Values) -> Vector:
         """The unknowns that give these values."""
@@ -220,7 +225,7 @@ class Problem:
 
     def scenes_with(self, values: Float[np.ndarray, "scenes parameters"]) -> Scene:
         """Scenes without film that have these values of the other free parameters, stacked as by `map_scenes`."""
-        rows = self.array(values[:, list(self.local.traced)])
+        rows = self.array(values[:, self.local.traced])
         plain = dataclasses.replace(without_texels(self.scene), film=None)
         return with_texels(moved_scenes(plain, rows, self.local.traced_unknowns), self.scene)
 
@@ -236,7 +241,7 @@ class Problem:
         """
         # What is traced: the unknowns that are not the response's, of the scene without one.
         scene = dataclasses.replace(self.scene, film=None)
-        y = self.array(np.asarray(y)[list(self.local.traced)])
+        y = self.array(np.asarray(y)[self.local.traced])
         place = np.asarray(y).tobytes(), edges, binning
         if place in self._pictures:
             self._pictures.move_to_end(place)
@@ -312,7 +317,7 @@ class FitState:
         """The least-squares problem of all views: their sums, in one triangle; what it has of pixels is the first's."""
         if not self.others:
             return self.linearization
-        each, dtype = [view.linearization for view in self.views], self.problem.observation.target.dtype
+        each, dtype = [view.linearization for view in self.views], self.problem.dtype
         rows = [np.column_stack([np.asarray(one.jacobian), np.asarray(one.residual)]) for one in each]
         triangle = np.asarray(np.linalg.qr(np.concatenate(rows).astype(np.float64), mode="r"))
         triangle *= np.where(np.diagonal(triangle) < 0, -1, 1)[:, None]
@@ -356,11 +361,11 @@ class FitState:
 
     def under_loss(
         self,
-        what: Literal["residual", "weight", "score"],
+        what: LossPart,
         scale: float | None = None,
         residual: Image | None = None,
     ) -> Image:
         """A function of the loss at each residual, its own or another one, and at its own scale or another; `Loss`."""
-        residual = np.asarray(self.residual if residual is None else residual, self.problem.observation.target.dtype)
+        residual = np.asarray(self.residual if residual is None else residual, self.problem.dtype)
         at = np.asarray(self.stage.loss_scale if scale is None else scale, residual.dtype)
         return on_host(evaluate(self.stage.loss, what, residual, at))

@@ -13,7 +13,7 @@ from ..options import Stage
 from .noise import compressed
 from .prediction import PredictedPicture
 from .problem import FitState, Problem
-from .unknowns import Covariance, Image, Images, PixelJacobian, Values, Vector
+from .unknowns import Covariance, Image, Images, PixelIndices, PixelJacobian, Values, Vector
 
 
 def supersampled(problem: Problem, y: Vector, samples: int) -> Image:
@@ -30,8 +30,8 @@ def point_sampled(problem: Problem, y: Vector, samples: int) -> tuple[Image, Ima
 def pixel_moments(
     problem: Problem,
     y: Vector,
-    column: Int[np.ndarray, " pixels"],
-    row: Int[np.ndarray, " pixels"],
+    column: PixelIndices,
+    row: PixelIndices,
     offsets: Float[np.ndarray, "samples 2"],
 ) -> tuple[Float[np.ndarray, "3 pixels"], Float[np.ndarray, "3 pixels"]]:
     """Mean and variance of point samples at these offsets within some of the target's pixels, before the response."""
@@ -96,7 +96,7 @@ class ResampledPicture:
         # Listed pixels are sampled anew, all others follow the derivative.
         problem, image, move = self.problem, self.mean, on_host(y) - self.y
         if move.any():
-            step = move[list(problem.local.traced)]
+            step = move[problem.local.traced]
             image = image + np.tensordot(step, on_host(self.radiance.jacobian), 1)
             image[:, self.row, self.column] = pixel_moments(problem, y, self.column, self.row, self.offsets)[0]
         radiance = PredictedPicture(problem.array(image), self.radiance.jacobian)

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ...errors import ParameterError
 from ...scene.parameters import resolve, response_effects, scalar_names, set_parameters
@@ -24,11 +24,19 @@ from ...util.numerics import on_device
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
+Scalar = Float[Array, ""]
+
 Vector = Float[Array, " parameters"]
 """A number for each free parameter, as the fit's programs take it."""
 
 Values = Float[np.ndarray, " parameters"]
 """A number for each free parameter, on the host."""
+
+Picture = Float[Array, "3 height width"]
+"""A picture, as the fit's programs take it."""
+
+PixelIndices = Int[np.ndarray, " pixels"]
+"""Columns or rows of some pixels, or numbers of blocks."""
 
 Image = Float[np.ndarray, "3 height width"]
 Images = tuple[Float[np.ndarray, "3 _ _"], ...]
@@ -63,7 +71,7 @@ class Transform:
         least = -math.inf if math.isinf(self.lower) else 1e-30
         return least, math.inf if math.isinf(self.upper) else 1.0
 
-    def to_value(self, y: Float[Array, ""]) -> Float[Array, ""]:
+    def to_value(self, y: Scalar) -> Scalar:
         """The parameter's value; at an end the derivative is that of the inside."""
         if math.isinf(self.lower):
             # Not even multiplied by 1: XLA takes the smallest numbers for 0 where it calculates.
@@ -131,9 +139,9 @@ class Unknowns:
     unseen: tuple[str, ...] = ()
 
     @property
-    def traced(self) -> tuple[int, ...]:
+    def traced(self) -> list[int]:
         """The places of the parameters of what is traced: they are not the film's, and not another view's."""
-        return tuple(k for k, name in enumerate(self.names) if name not in (*self.of_film, *self.unseen))
+        return [k for k, name in enumerate(self.names) if name not in (*self.of_film, *self.unseen)]
 
     @property
     def traced_unknowns(self) -> "Unknowns":

@@ -227,7 +227,7 @@ def solve_robustly(
     # Each solve needs the residual of the one before, and the first one that of the start.
     solution = FitState.at(problem, problem.array(y), dataclasses.replace(stage, loss_scale=1.0))
     # Where the picture fits exactly the scale is 1e-12 or ten roundings: 1e-15 to 1e-6 do the same.
-    least = max(1e-12, 10 * float(jnp.finfo(problem.observation.target.dtype).eps))
+    least = max(1e-12, 10 * float(jnp.finfo(problem.dtype).eps))
     # Go on while the typical residual falls by three tenths or more: ten solves take off a factor of 35.
     for _ in range(10):
         before = solution.typical

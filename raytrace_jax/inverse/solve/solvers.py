@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from ...errors import RaytraceWarning
 from ...scene.scene import Scene
-from ...util.numerics import TINY, on_device, on_host, solve_normal
+from ...util.numerics import TINY, on_device, on_host, root_diagonal, solve_normal
 from ..options import Stage
 from ..problem.linearize import RANK_TOLERANCE, Linearization, gauss_newton_step
 from ..problem.problem import FitState, Problem
@@ -274,7 +274,7 @@ def step_in_errors(linearization: Linearization) -> float:
     triangle, residual = map(on_host, (linearization.jacobian, linearization.residual))
     score = triangle.T @ residual
     scatter = on_host(linearization.pixel_scatter)
-    length = np.sqrt(np.diagonal(scatter))
+    length = root_diagonal(scatter)
     moves = np.any(triangle != 0, axis=0) & (length > 0)
     if not moves.any():
         return 0.0
