@@ -107,10 +107,11 @@ def job_cells(job: Job) -> Row:
 
 def setting_cells(job: Job) -> Row:
     """The settings of a job as the plan and the scene have them, several numbers as the command line takes them."""
-    cells: Row = {"precision": job.precision}
-    for name, value in dataclasses.asdict(job.settings).items():
-        cells[name] = " ".join(map(str, value)) or None if isinstance(value, tuple) else value
-    return {f"settings.{name}": cell for name, cell in cells.items()}
+    values = {"precision": job.precision} | dataclasses.asdict(job.settings)
+    return {
+        f"settings.{name}": " ".join(map(str, value)) or None if isinstance(value, tuple) else value
+        for name, value in values.items()
+    }
 
 
 def labelled(jobs: Sequence[Job]) -> list[Job]:
@@ -120,10 +121,11 @@ def labelled(jobs: Sequence[Job]) -> list[Job]:
         for name, cell in row.items():
             distinct[job.kind, name].add(cell)
 
-    def varied(job: Job, row: Row) -> tuple[tuple[str, str], ...]:
-        return tuple((n, cell_text(c)) for n, c in row.items() if c is not None and len(distinct[job.kind, n]) > 1)
-
-    return [dataclasses.replace(job, varied=varied(job, row)) for job, row in zip(jobs, rows, strict=True)]
+    found = []
+    for job, row in zip(jobs, rows, strict=True):
+        names = [name for name, cell in row.items() if cell is not None and len(distinct[job.kind, name]) > 1]
+        found.append(dataclasses.replace(job, varied=tuple((name, cell_text(row[name])) for name in names)))
+    return found
 
 
 def file_name(job: Job) -> str:

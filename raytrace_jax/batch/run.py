@@ -6,14 +6,13 @@ import json
 import logging
 import signal
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import jax
 import numpy as np
-from jax.typing import ArrayLike
 
 from ..errors import ParameterError, RaytraceError, one_sentence
 from ..images import jpeg, masks
@@ -149,40 +148,29 @@ def _estimates(result: FitResult, truths: Scene | None) -> dict[str, Any]:
 def run_job(job: Job, folder: Path) -> JobRecord:
     """Run a job and write its files into `folder/KIND`; the caller writes its record."""
     with jax.enable_x64(job.precision == 64):
-        outputs, results = {"render": _render, "gradient": _gradient, "fit": _fit}[job.kind](job, folder / job.kind)
+        outputs, results = (_fit if job.kind == "fit" else _pictures)(job, folder / job.kind)
     return JobRecord("done", outputs=tuple(path.relative_to(folder).as_posix() for path in outputs), results=results)
 
 
-def _render(job: Job, folder: Path) -> Outcome:
-    outputs, results = list[Path](), dict[str, float | str | None]()
-    for scene, path, mean in _views(job, folder):
-        film, preview = render(scene, job.settings), path.with_suffix(".png")
-        write_film(path, film, scene, job.settings, half=False)
-        write_png(preview, film.image)
-        outputs += [path, preview]
-        results |= {f"{mean}.{letter}": _mean(plane) for letter, plane in zip("rgb", film.image, strict=True)}
-    return outputs, results
-
-
-def _gradient(job: Job, folder: Path) -> Outcome:
-    outputs, results = list[Path](), dict[str, float | str | None]()
-    for scene, path, mean in _views(job, folder):
-        found = picture_derivatives(scene, job.options["wrt"], job.settings)
-        write_derivatives(path, found, scene, job.settings)
-        outputs.append(path)
-        results |= {f"{mean}.d.{name}": _mean(each) for name, each in zip(found.names, found.values, strict=True)}
-    return outputs, results
-
-
-def _views(job: Job, folder: Path) -> Iterator[tuple[Scene, Path, str]]:
-    """The scene as each camera sees it, the file of its picture, and how the names of its means begin."""
-    scene = job_scene(job)
+def _pictures(job: Job, folder: Path) -> Outcome:
+    """What each camera sees, or its derivatives; the numbers are means over the picture."""
+    outputs, results, scene = list[Path](), dict[str, float | str | None](), job_scene(job)
     for camera, path in view_paths(folder / f"{file_name(job)}.exr", scene).items():
-        yield scene.seen_by(camera), path, f"mean.{camera}" if scene.further_views else "mean"
-
-
-def _mean(values: ArrayLike) -> float:
-    return float(np.asarray(values).mean(dtype=np.float64))
+        view, mean = scene.seen_by(camera), f"mean.{camera}" if scene.further_views else "mean"
+        outputs.append(path)
+        if job.kind == "gradient":
+            found = picture_derivatives(view, job.options["wrt"], job.settings)
+            write_derivatives(path, found, view, job.settings)
+            columns, values = [f"{mean}.d.{name}" for name in found.names], found.values
+        else:
+            film, preview = render(view, job.settings), path.with_suffix(".png")
+            write_film(path, film, view, job.settings)
+            write_png(preview, film.image)
+            outputs.append(preview)
+            columns, values = [f"{mean}.{letter}" for letter in "rgb"], film.image
+        for column, each in zip(columns, values, strict=True):
+            results[column] = float(np.asarray(each).mean(dtype=np.float64))
+    return outputs, results
 
 
 def run_and_record(job: Job, folder: Path) -> JobRecord:
@@ -260,8 +248,14 @@ def _client(workers: int | None, scheduler: str | None) -> Any:
     from distributed import Client
 
     # Without a limit on memory: dask would pause and kill workers by how much they hold, which XLA decides.
-    here = {"n_workers": workers, "threads_per_worker": 1, "preload": [__name__], "memory_limit": 0}
-    here |= {"dashboard_address": None, "silence_logs": logging.CRITICAL}
+    here = {
+        "n_workers": workers,
+        "threads_per_worker": 1,
+        "preload": [__name__],
+        "memory_limit": 0,
+        "dashboard_address": None,
+        "silence_logs": logging.CRITICAL,
+    }
     try:
         return Client(scheduler, timeout=SECONDS_TO_CONNECT, **({} if scheduler else here))
     except (OSError, ValueError) as reason:

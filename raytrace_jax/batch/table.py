@@ -27,16 +27,14 @@ def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
     rows: list[tuple[Row, ...]] = []
     for job in jobs:
         record = read_record(folder, job) or MISSING
-        ended: Row = {"status": record.status, "message": record.message or None, "seconds": round(record.seconds, 2)}
-        files: Row = {"file": next(iter(record.outputs), None)}
         rows.append(
             (
                 {"job": job.name, "kind": job.kind},
                 job_cells(job),
-                ended,
+                {"status": record.status, "message": record.message or None, "seconds": round(record.seconds, 2)},
                 dict(record.results),
                 setting_cells(job),
-                files,
+                {"file": next(iter(record.outputs), None)},
             )
         )
     columns = dict.fromkeys(name for blocks in zip(*rows, strict=True) for block in blocks for name in block)
@@ -99,12 +97,11 @@ def _table(kind: JobKind, jobs: Sequence[tuple[Job, JobRecord]]) -> dict[str, ob
         scene: [(name.removeprefix("settings."), cell_text(cell)) for name, cell in cells if cell is not None]
         for scene, cells in settings.items()
     }
-    plots = plots_of(kind, jobs)
     return {
         "kind": kind,
         "fixed": fixed,
         "settings": shown,
-        "plots": plots,
+        "plots": plots_of(kind, jobs),
         "varied": varied,
         "found": found,
         "rows": rows,
