@@ -12,7 +12,6 @@ from ..errors import RaytraceError
 from ..util.files import atomic_write
 
 SUFFIXES = (".gif", ".mp4")
-Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 MOST_GIF_FPS = 50  # What viewers show at full speed: two hundredths of a second a frame.
 
 _PAIR = np.array([[0, 2], [3, 1]])
@@ -58,7 +57,7 @@ def label_frames(frames: Sequence[Image.Image], name: str, values: Sequence[str]
     return labelled
 
 
-def shortened(text: str, font: Font, width: int) -> str:
+def shortened(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
     """A text cut to a width in pixels, at its beginning, which says less than its end."""
     while font.getlength(text) > width and len(text) > 3:
         text = f"..{text.removeprefix('..')[1:]}"
@@ -73,7 +72,7 @@ def _with_palette(frames: Sequence[Image.Image]) -> list[Image.Image]:
     together = Image.fromarray(np.concatenate([np.asarray(frames[place]) for place in places]))
     palette = together.quantize(256, kmeans=2)
     width, height = frames[0].size
-    pattern = np.take(np.take(DITHER, range(height), 0, mode="wrap"), range(width), 1, mode="wrap")[..., None]
+    pattern = DITHER[np.ix_(np.arange(height) % 4, np.arange(width) % 4)][..., None]
 
     def reduced(frame: Image.Image) -> Image.Image:
         pixels = np.clip(np.asarray(frame) + pattern, 0, 255).round().astype(np.uint8)

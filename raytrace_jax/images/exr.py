@@ -21,7 +21,7 @@ from jax.typing import ArrayLike
 
 from ..errors import PictureError, RaytraceWarning
 from ..util.files import StrPath, atomic_write, read_bytes
-from ..util.numerics import real_numbers
+from ..util.numerics import on_host, real_numbers
 from ..util.text import did_you_mean
 from . import Transfer
 from .picture_file import KEY, MEMORY, PictureFile, PictureOrigin, refuse_beyond_memory, to_json
@@ -115,7 +115,7 @@ def _storable(where: str, name: str, values: object, dtype: type[np.floating]) -
     with np.errstate(over="ignore"):
         stored = np.ascontiguousarray(array.astype(dtype))
     if not np.isfinite(stored).all():
-        reached = np.abs(array.astype(np.float64)).max()
+        reached = np.abs(on_host(array)).max()
         raise PictureError(f"{where}: channel {name} reaches {reached:g}, and half ends at 65504, float at 3.4e38")
     return stored
 
@@ -157,7 +157,7 @@ def read_exr(path: StrPath, *, layer: str | None = None) -> ExrPicture:
         prefix = f"{part.name()}." if any(counts[name] > 1 for name in part.channels) else ""
         for name, channel in part.channels.items():
             channels[prefix + name] = in_display_window(path, channel.pixels, part.header)
-            attributes[prefix + name] = {**parts[0].header, **part.header}
+            attributes[prefix + name] = parts[0].header | part.header
             if channel.pixels.dtype.str[1:] in _LOSSY.get(compression, ()):
                 lossy.add(compression)
     if lossy:
@@ -336,8 +336,8 @@ class ExrFile(PictureFile):
     def stated(self) -> ColourSpace | None:
         """The space of its primaries, where these are not Rec. 709's and it has colours."""
         name, primaries = self.primaries
-        is_grey = len(set(self.names)) == 1
-        return None if is_grey else linear_space(name, primaries, adapts=name in LINEAR_SPACES)
+        # A grey picture has one channel three times.
+        return None if len(set(self.names)) == 1 else linear_space(name, primaries, adapts=name in LINEAR_SPACES)
 
     def pixel_aspect(self) -> float:
         return float(self.picture.attributes[self.names[0]].get("pixelAspectRatio", 1.0))

@@ -163,8 +163,7 @@ class LibraryFile(PictureFile):
             pixels = file.read_image(0, 0, 0, spec.nchannels, dtype if bits else "float")
             if pixels is None or file.has_error:
                 raise self.error(f"cannot be read: {_reason(file.geterror())}")
-        shaped = np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels)
-        return upright(shaped, orientation_of(self.path))
+        return upright(np.reshape(pixels, (spec.height, spec.width, spec.nchannels)), orientation_of(self.path))
 
     def numbers(self) -> np.ndarray:
         """Red, green and blue, by the names of the channels; a grey channel three times."""

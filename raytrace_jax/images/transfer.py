@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
+from ..util.numerics import on_host
 from . import Bits, Transfer
 
 Chromaticities = tuple[float, ...]
@@ -49,12 +50,12 @@ NEARLY = 2e-3
 
 def encode_course(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
     """floor(maximum * clamp(C)) with the maximum 255 (uint8) or 65535 (uint16), the shape of `rgb`."""
-    return np.floor((2**bits - 1) * np.clip(np.asarray(rgb, np.float64), 0, 1)).astype(f"u{bits // 8}")
+    return np.floor((2**bits - 1) * np.clip(on_host(rgb), 0, 1)).astype(f"u{bits // 8}")
 
 
 def encode_srgb(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
     """The sRGB encoding (IEC 61966-2-1) of clamp(C), rounded to uint8 or uint16, the shape of `rgb`."""
-    linear = np.clip(np.asarray(rgb, np.float64), 0, 1)
+    linear = np.clip(on_host(rgb), 0, 1)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return np.round((2**bits - 1) * encoded).astype(f"u{bits // 8}")
 
@@ -67,8 +68,7 @@ def decode_course(stored: np.ndarray) -> np.ndarray:
     all zeros of a picture are its background, exactly 0.
     """
     maximum = largest_number(stored)
-    middle = (stored + 0.5) / maximum
-    return np.where(stored == 0, 0.0, np.where(stored == maximum, 1.0, middle))
+    return np.where(stored == 0, 0.0, np.where(stored == maximum, 1.0, (stored + 0.5) / maximum))
 
 
 def decode_srgb(stored: np.ndarray) -> np.ndarray:
@@ -104,7 +104,7 @@ class ColourSpace(NamedTuple):
 
     def decode(self, stored: np.ndarray) -> np.ndarray:
         """The scene-linear float64 colours of integers, or of floats, "height width 3"."""
-        light = self.curve(np.asarray(stored, np.float64) / largest_number(stored))
+        light = self.curve(on_host(stored) / largest_number(stored))
         return light if self.to_rec_709 is None else light @ self.to_rec_709.T
 
 
@@ -154,7 +154,7 @@ def rounding_of(colors: Numbers) -> Numbers:
     These are 8 and 16 bits as the course's truncation, as sRGB and as rounded multiples of 1/255 or 1/65535, whose
     darkest and brightest numbers may have been anything beyond; and 16 and 32 bits of floating point. 0 if none fits.
     """
-    colors = np.asarray(colors, np.float64)
+    colors = on_host(colors)
     # What does not fit a thousand numbers does not fit all.
     few = colors.reshape(-1)[:: 1 + colors.size // 1000]
     for decoded, ends in (way for bits in (8, 16) for way in _ways_to_store(bits)):
@@ -163,8 +163,8 @@ def rounding_of(colors: Numbers) -> Numbers:
     for dtype in (np.float16, np.float32):
         with np.errstate(over="ignore"):
             stored = colors.astype(dtype)
-        if np.array_equal(stored.astype(np.float64), colors):
-            return np.spacing(np.abs(stored)).astype(np.float64) / 2
+        if np.array_equal(on_host(stored), colors):
+            return on_host(np.spacing(np.abs(stored))) / 2
     return np.zeros_like(colors)
 
 

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from ..images import Transfer
 from ..tracer.rendering import PictureDerivatives
+from ..util.numerics import on_host
 from .differences import correlation, relative_error
 from .panels import as_pixels, draw_signed_values, drawable, panel_bands
 
@@ -58,7 +59,7 @@ def check_derivative(
     # pictures of random sizes (experiments/edge_gradients).
     largest_error = 0.4
     # How far the two are apart, in the whole picture and in each pixel.
-    derivative, difference = np.asarray(derivative, np.float64), np.asarray(difference, np.float64)
+    derivative, difference = on_host(derivative), on_host(difference)
     error = relative_error(derivative, difference)
     squares, errors = np.sum(derivative**2, axis=0), np.sum((derivative - difference) ** 2, axis=0)
     depends = int(np.count_nonzero(squares + errors))

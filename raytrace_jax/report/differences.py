@@ -13,6 +13,7 @@ from ..scene.parameters import get_parameter, row_of_names, scalar_names, set_pa
 from ..scene.scene import Scene
 from ..tracer.rendering import differentiated_names, render
 from ..tracer.settings import RenderSettings, resolve_settings
+from ..util.numerics import on_host
 from ..util.text import quoted
 
 HALVINGS = 4
@@ -62,7 +63,7 @@ def finite_differences(
 
 def relative_error(derivative: ArrayLike, reference: ArrayLike) -> float:
     """The L2 norm of `derivative - reference` in units of the reference's; 0 if they are equal, also if both are 0."""
-    derivative, reference = np.asarray(derivative), np.asarray(reference, np.float64)
+    derivative, reference = np.asarray(derivative), on_host(reference)
     error, size = float(np.linalg.norm(derivative - reference)), float(np.linalg.norm(reference))
     if error == 0:
         return 0.0
@@ -71,7 +72,7 @@ def relative_error(derivative: ArrayLike, reference: ArrayLike) -> float:
 
 def correlation(derivative: ArrayLike, reference: ArrayLike) -> float:
     """Pearson's correlation of two derivative pictures over pixels and channels; 0 if one of them is constant."""
-    one, other = (values - values.mean() for values in (np.asarray(x, np.float64) for x in (derivative, reference)))
+    one, other = (values - values.mean() for values in map(on_host, (derivative, reference)))
     size = float(np.linalg.norm(one) * np.linalg.norm(other))
     return float(np.sum(one * other)) / size if size > 0 else 0.0
 
