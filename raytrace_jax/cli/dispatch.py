@@ -5,7 +5,6 @@ Exit codes: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 
 
 import argparse
 import contextlib
-import functools
 import importlib
 import inspect
 import io
@@ -148,11 +147,14 @@ class Paragraphs:
         self.stream = sys.stdout
 
     def write(self, text: str) -> int:
-        fill = functools.partial(textwrap.fill, break_on_hyphens=False, break_long_words=False)
         width = shutil.get_terminal_size().columns
-        lines = text.split("\n")
-        is_prose = [line[:1].isalpha() and not line.startswith(("usage:", EXAMPLE)) for line in lines]
-        return self.stream.write("\n".join(fill(s, width) if it else s for s, it in zip(lines, is_prose, strict=True)))
+
+        def broken(line: str) -> str:
+            if not line[:1].isalpha() or line.startswith(("usage:", EXAMPLE)):
+                return line
+            return textwrap.fill(line, width, break_on_hyphens=False, break_long_words=False)
+
+        return self.stream.write("\n".join(map(broken, text.split("\n"))))
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.stream, name)

@@ -28,8 +28,10 @@ def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | 
 
     A text in place of a path is that of a file, whose pictures lie with the scenes that come with the package.
     """
-    is_text = isinstance(path, str)
-    scene = parse_scene(path, model=model, folder=scene_folder()) if is_text else load_scene(path, model=model)
+    if isinstance(path, str):
+        scene = parse_scene(path, model=model, folder=scene_folder())
+    else:
+        scene = load_scene(path, model=model)
     values = {}
     for name, numbers in map(parse_assignment, assignments):
         if name in values:

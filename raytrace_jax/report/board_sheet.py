@@ -56,9 +56,8 @@ def draw_sheet(pattern: Pattern, paper: PaperName) -> Figure:
     ax.set(xlim=(0, width), ylim=(0, height))
     cells = pattern.cells()
     cell = pattern.square / pattern.lattice
-    room = paper_room(paper)
     left = (width - cell * cells.shape[1]) / 2
-    top = height - MARGIN - (room[1] - cell * cells.shape[0]) / 2
+    top = height - MARGIN - (paper_room(paper)[1] - cell * cells.shape[0]) / 2
     # One path for all: where its parts touch, renderers add up their shares of a pixel, and no hairline shows.
     corners = rectangles(cells)[:, [[0, 1], [0, 3], [2, 3], [2, 1]]]
     outline = Outline.make_compound_path_from_polys(np.array([left, top]) + cell * np.array([1, -1]) * corners)

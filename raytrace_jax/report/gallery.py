@@ -65,10 +65,10 @@ _NEITHER = "no total internal reflection,\nno second root"
 _NO_GLASS = {"fresnel": 0.0, "transmission": 0.0}
 
 _ASSIGNMENT = (
-    Variant("1_no_total_internal_reflection_no_second_root", _NEITHER, {**_ALPHA, **_NO_TOTAL, **_NO_SECOND}),
-    Variant("2_no_total_internal_reflection", "no total internal reflection", {**_ALPHA, **_NO_TOTAL}),
-    Variant("3_no_second_root", "no second root", {**_ALPHA, **_NO_SECOND}),
-    Variant("4_no_reflection", "no reflection", {**_ALPHA, "reflection": False}),
+    Variant("1_no_total_internal_reflection_no_second_root", _NEITHER, _ALPHA | _NO_TOTAL | _NO_SECOND),
+    Variant("2_no_total_internal_reflection", "no total internal reflection", _ALPHA | _NO_TOTAL),
+    Variant("3_no_second_root", "no second root", _ALPHA | _NO_SECOND),
+    Variant("4_no_reflection", "no reflection", _ALPHA | {"reflection": False}),
     Variant("5_final", "final", _ALPHA),
     Variant("6_final_schlick", "final, with Schlick's approximation", {"reflectance": "schlick"}),
 )
@@ -108,12 +108,14 @@ def render_gallery(
         materials = [block.name for block in blocks_of(scene, "material")]
         changed = {f"{name}.{what}": value for what, value in variant.materials.items() for name in materials}
         varied = set_parameters(scene, changed)
-        how = dataclasses.replace(settings, **variant.switches, **({"edges": "aware"} if wrt else {}))
+        how = dataclasses.replace(settings, **variant.switches)
         if wrt:
-            yield variant, varied, how, picture_derivatives(varied, wrt, how)
+            how = dataclasses.replace(how, edges="aware")
+            found = picture_derivatives(varied, wrt, how)
         else:
             image = render(varied, how).image
-            yield variant, varied, how, PictureDerivatives(image, (), image[None][:0])
+            found = PictureDerivatives(image, (), image[None][:0])
+        yield variant, varied, how, found
 
 
 def draw_gallery(

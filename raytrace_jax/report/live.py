@@ -91,10 +91,11 @@ class Studio:
         """The numbers of a scene that move, written so that reading them gives the same bits."""
         return {name: format_number(np.asarray(get_parameter(scene, name)).flat[0]) for name in self.names}
 
-    def picture(self, scene: Scene, edges: EdgeMode = "point") -> Image.Image:
-        """The picture of points, or of areas."""
-        image = np.asarray(render(scene, dataclasses.replace(self.settings, edges=edges)).image)
-        self.compiled.add("areas" if edges == "aware" else "picture")
+    def picture(self, scene: Scene, kind: str) -> Image.Image:
+        """The `picture` of points, or of `areas`."""
+        settings = dataclasses.replace(self.settings, edges="aware" if kind == "areas" else "point")
+        image = np.asarray(render(scene, settings).image)
+        self.compiled.add(kind)
         return Image.fromarray(as_pixels(image, self.transfer))
 
     def derivative(
@@ -237,7 +238,7 @@ def answer(studio: Studio, title: str, path: str, check: Callable[[], None] = la
             image, reply["words"] = studio.rays(scene, *(int(_number(query, key)) for key in ("column", "row")))
             media = "image/svg+xml"
         else:
-            image = png_bytes(studio.picture(scene, "aware" if kind == "areas" else "point"))
+            image = png_bytes(studio.picture(scene, kind))
     reply |= {"image": data_address(image, media), "compiled": sorted(studio.compiled)}
     return json.dumps(reply).encode(), "application/json", 200
 
@@ -277,21 +278,20 @@ def saved_page(studio: Studio, title: str, steps: int) -> str:
         choices = [scene_values[slider.name] if x == value else format_number(np.float64(x)) for x in sorted(numbers)]
         ends = {"start": choices[0], "stop": choices[-1], "value": scene_values[slider.name]}
         sliders.append({"name": slider.name, "choices": choices} | ends)
-    kind: EdgeMode = studio.edges
-    path, pixels = "areas" if kind == "aware" else "picture", line_of_pixels(studio)
+    kind, pixels = "areas" if studio.edges == "aware" else "picture", line_of_pixels(studio)
     saved: dict[str, object] = {}
     for texts in itertools.product(*(slider["choices"] for slider in sliders)):
         values = dict(zip(studio.names, texts, strict=True))
         scene = set_parameters(studio.scene, {name: float(text) for name, text in values.items()})
         file = io.BytesIO()
         studio.picture(scene, kind).save(file, "WEBP", quality=90)
-        saved[f"/{path}?{urlencode(values)}"] = {"image": data_address(file.getvalue(), "image/webp"), "values": values}
+        saved[f"/{kind}?{urlencode(values)}"] = {"image": data_address(file.getvalue(), "image/webp"), "values": values}
         for column, row in pixels:
             image, words = studio.rays(scene, column, row)
             # As text, which packs better than base64.
             reply = {"image": f"data:image/svg+xml,{quote(image)}", "words": words, "values": values}
             saved[f"/rays?{urlencode(values | {'column': column, 'row': row})}"] = reply
-    return _fill(studio, title, sliders, [path], saved, pixels)
+    return _fill(studio, title, sliders, [kind], saved, pixels)
 
 
 def line_of_pixels(studio: Studio, count: int = 7) -> list[tuple[int, int]]:

@@ -4,6 +4,7 @@ import base64
 import io
 import itertools
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
 
@@ -18,6 +19,7 @@ from PIL import Image
 
 from ..images import Transfer
 from ..images.transfer import ENCODERS
+from ..util.files import atomic_write
 
 SIGNED = matplotlib.colormaps["RdBu_r"].with_extremes(bad="#8c8c8c")
 """Blue below zero, red above, grey where a pixel is masked."""
@@ -80,6 +82,12 @@ def page_template(name: str, filters: Mapping[str, Callable[..., Any]] | None = 
     )
     environment.filters |= filters or {}
     return environment.get_template(name)
+
+
+def save_figure(path: Path, figure: Figure, **how: Any) -> None:
+    """Write a figure as `atomic_write` does, by the suffix of its path; `how` is as matplotlib takes it."""
+    with atomic_write(path) as temporary:
+        figure.savefig(temporary, **how)
 
 
 def png_bytes(image: Image.Image) -> bytes:

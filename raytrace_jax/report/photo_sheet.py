@@ -97,20 +97,20 @@ def _middle_of(pixels: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "2"]
 
 def _draw_light(axes: dict[str, Axes], located: Located, flat: Flattened) -> None:
     """The light on the board, the photograph divided by it, and what is left of that beside the board."""
-    half = located.board.half
+    (lit, divided, rest), half = (axes[name] for name in "cde"), located.board.half
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, 80), np.linspace(1, -1, 60)), -1) * half
     light = flat.field.at(grid).mean(axis=0)
     light = light / light.max()
     extent, least = (-half[0], half[0], -half[1], half[1]), float(np.floor(20 * light.min()) / 20)
-    bar = axes["c"].imshow(light, cmap="magma", vmin=least, vmax=1, extent=extent)
+    bar = lit.imshow(light, cmap="magma", vmin=least, vmax=1, extent=extent)
     levels = np.linspace(least, 1, 11)[1:-1]
-    axes["c"].contour(grid[..., 0], grid[..., 1], light, levels, colors="white", linewidths=0.6)
-    axes["c"].figure.colorbar(bar, ax=axes["c"], shrink=0.6)
-    axes["c"].set_title(f"light on the board, of its largest; {100 * flat.field.rest:.2g} % is left", fontsize=9)
+    lit.contour(grid[..., 0], grid[..., 1], light, levels, colors="white", linewidths=0.6)
+    lit.figure.colorbar(bar, ax=lit, shrink=0.6)
+    lit.set_title(f"light on the board, of its largest; {100 * flat.field.rest:.2g} % is left", fontsize=9)
     grey = np.full(flat.image.shape, 0.5)
-    axes["d"].imshow(np.moveaxis(np.clip(np.where(flat.counts, flat.image, grey), 0, 1), 0, -1))
-    axes["d"].set_title("divided by it; grey does not count", fontsize=9)
+    divided.imshow(np.moveaxis(np.clip(np.where(flat.counts, flat.image, grey), 0, 1), 0, -1))
+    divided.set_title("divided by it; grey does not count", fontsize=9)
     off = np.where(flat.counts, (flat.image - flat.drawn).mean(axis=0), np.nan)
-    bar = axes["e"].imshow(off, cmap=SIGNED, vmin=-0.3, vmax=0.3)
-    axes["e"].figure.colorbar(bar, ax=axes["e"], shrink=0.8)
-    axes["e"].set_title("photograph − board, without the camera's blur", fontsize=9)
+    bar = rest.imshow(off, cmap=SIGNED, vmin=-0.3, vmax=0.3)
+    rest.figure.colorbar(bar, ax=rest, shrink=0.8)
+    rest.set_title("photograph − board, without the camera's blur", fontsize=9)

@@ -154,7 +154,7 @@ def test_target_and_mask_are_cropped(tmp_path, capsys):
     files = {"scene": tmp_path / "scene.txt", "target": (str(path),), "mask": (str(tmp_path / "mask.png"),)}
     command, camera = Fit(**files, output=tmp_path, free=("vitreous.ior",), transfer=("srgb",)), scene.camera.name
     read = read_targets(command, command.files([camera]), scene, {camera: resolved(scene)})
-    target, weights = read.target[camera], read.weights[camera]
+    target, weights = read["target"][camera], read["weights"][camera]
     assert target.shape == (3, 6, 8)
     assert weights[0, 2] == 0 and weights[4, 7] == 0, "the saturated and the black one"
     assert np.sum(weights == 0.2) == 46

@@ -2,19 +2,19 @@
 
 import math
 import sys
-from pathlib import Path
 
 import numpy as np
 
 from ...report.films import screen_transfer
 from ...report.lessons.pictures import LESSONS, WORK, index_page
 from ...report.live import HOST, Slider, Studio, make_server, saved_page
+from ...report.panels import save_figure
 from ...report.rays import draw_tree, least_drawn
 from ...scene.parameters import get_parameter, material_of, scalar_names, shape_blocks
 from ...scene.scene import Scene
 from ...scene.setting_words import ModelName
 from ...tracer.ray_tree import RayNode, trace_tree
-from ...util.files import atomic_write, json_text, write_text
+from ...util.files import json_text, write_text
 from ...util.text import parse_number
 from ..console import UsageError, blamed_on, print_table, stderr_console
 from ..options import split_assignment
@@ -37,10 +37,9 @@ def run_rays(command: Rays) -> None:
     figure = draw_tree(tree, scene, title, settings, least)
 
     # The file is written before anything is said on stdout.
-    with atomic_write(command.output) as temporary:
-        # Without a date in it the same rays make the same file.
-        metadata = {"Date": None} if command.output.suffix.lower() == ".svg" else None
-        figure.savefig(temporary, bbox_inches="tight", metadata=metadata)
+    # Without a date in it the same rays make the same file.
+    metadata = {"Date": None} if command.output.suffix.lower() == ".svg" else None
+    save_figure(command.output, figure, bbox_inches="tight", metadata=metadata)
     if command.json:
         told = {"pixel": tree.pixel, "rays": [node._asdict() for node in tree.nodes], "dropped": tree.dropped}
         sys.stdout.write(json_text({"output": command.output, **told}))
@@ -104,20 +103,15 @@ def run_view(command: View) -> None:
     warn_of_shared_materials(scene, [slider.name for slider in sliders])
     studio = Studio(scene, settings, sliders, screen_transfer(settings), command.edges)
     if command.save:
-        return save_view(command.save, studio, command)
+        with Timer("rendering the page", stderr_console(command.quiet)) as timer:
+            page = saved_page(studio, command.scene.stem, command.steps or (15 if len(sliders) == 1 else 7))
+        timer.took("rendering the page")
+        write_text(command.save, page)
+        print(command.save)
+        return
     with make_server(studio, command.scene.stem, command.port) as server:
         print(f"http://{HOST}:{server.server_port}/", flush=True)
         server.serve_forever()
-
-
-def save_view(path: Path, studio: Studio, command: View) -> None:
-    """Write the page as one file, and say on stderr how far it is."""
-    steps = command.steps or (15 if len(studio.sliders) == 1 else 7)
-    with Timer("rendering the page", stderr_console(command.quiet)) as timer:
-        page = saved_page(studio, command.scene.stem, steps)
-    timer.took("rendering the page")
-    write_text(path, page)
-    print(path)
 
 
 def parse_slider(text: str) -> Slider:
@@ -170,8 +164,7 @@ def run_teach(command: Teach) -> None:
         with Timer(f"{which}: {WORK[name]}" if name in WORK else which, console) as timer:
             figure = draw()
             for path in paths:
-                with atomic_write(path) as temporary:
-                    figure.savefig(temporary)
+                save_figure(path, figure)
             timer.took(f"{which},")
         # A display on stderr would catch what is printed on stdout.
         print(*paths, sep="\n", flush=True)

@@ -6,7 +6,7 @@ import shlex
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -34,18 +34,13 @@ from ..preparation import check_folder, read_picture_scene, warn_of_shared_mater
 from ..progress import FitProgress, Timer
 
 
-class Targets(NamedTuple):
-    """The targets by camera, with what `fit` takes beside them; a camera has weights and storage, or None."""
-
-    target: dict[str, Colours]
-    weights: dict[str, Any]
-    storage: dict[str, Any]
-
-
 def read_targets(
     command: Fit, files: Mapping[str, TargetFile], scene: Scene, settings: Mapping[str, ResolvedSettings]
-) -> Targets:
-    """Read the target of each camera. What of it counts nothing, or was not clear, is said on stderr."""
+) -> dict[str, dict[str, Any]]:
+    """Read the target of each camera: what `fit` takes, by its words for it; weights and storage may be None.
+
+    What of it counts nothing, or was not clear, is said on stderr.
+    """
     targets, weights, storage = {}, {}, {}
     for name, file in files.items():
         view, how = scene.seen_by(name), settings[name]
@@ -62,7 +57,7 @@ def read_targets(
                 raise PictureError(f"{path}: no pixel is left that counts; --clipped keep counts the clipped ones")
         stored = jpeg.jpeg_storage(path, file.transfer or "srgb") if pictures.is_jpeg(path) else None
         storage[name] = stored and stored._replace(window=seen_window(stored.size, view, how, "the target"))
-    return Targets(targets, weights, storage)
+    return {"target": targets, "weights": weights, "storage": storage}
 
 
 def seen_part(
@@ -73,10 +68,9 @@ def seen_part(
     return picture[..., top : top + rows, left : left + columns]
 
 
-Window = tuple[int, int, int, int]
-
-
-def seen_window(size: tuple[int, int], scene: Scene, settings: ResolvedSettings, what: str) -> Window:
+def seen_window(
+    size: tuple[int, int], scene: Scene, settings: ResolvedSettings, what: str
+) -> tuple[int, int, int, int]:
     """The window (x, y, width, height) of a picture that is rendered: the crop's place in a whole one, all of a crop.
 
     Raises:
@@ -118,8 +112,9 @@ def read_colours(file: TargetFile, scene: Scene, settings: ResolvedSettings, tra
     """The part of a target that is rendered; where neither file nor user says its transfer, as the course stores it."""
     if transfer is None and not pictures.states_colours(file.path):
         transfer = "course"
-    picture = pictures.read_picture(file.path, transfer=transfer, layer=file.layer)
-    return seen_part(picture, scene, settings, "the target")
+    return seen_part(
+        pictures.read_picture(file.path, transfer=transfer, layer=file.layer), scene, settings, "the target"
+    )
 
 
 def unclear_colours(
@@ -137,9 +132,9 @@ def unclear_colours(
     unclear = [name for name, file in files.items() if not (file.transfer or pictures.states_colours(file.path))]
     if not unclear:
         return {}
-    problem = build_problem(scene, targets, command.free, settings, command.fit_options(), weights).problem
+    built = build_problem(scene, targets, command.free, settings, command.fit_options(), weights)
     found = {}
-    for view in problem.views:
+    for view in built.problem.views:
         name = view.scene.camera.name
         if name not in unclear:
             continue
@@ -204,15 +199,15 @@ def run_fit(command: Fit) -> int:
     paths = [file.path for file in files.values()]
     options = as_file_says(options, paths, scene, free)
     warn_of_shared_materials(filmed, free)
-    known = read_targets(command, files, scene, each_settings)._asdict()
+    known = read_targets(command, files, scene, each_settings)
 
     console = stderr_console(command.quiet)
     with FitProgress(names, console, command.verbose) as show:
         result = fit(
             scene, free=free, settings=each_settings, options=options, **known, on_step=show.step, on_phase=show.phase
         )
-    made_of = result.provenance | provenance(paths) | {AFTER: f"{time.monotonic() - show.stepped_at:.3g}"}
-    result = dataclasses.replace(result, provenance=made_of)
+    after = {AFTER: f"{time.monotonic() - show.stepped_at:.3g}"}
+    result = dataclasses.replace(result, provenance=result.provenance | provenance(paths) | after)
 
     # Numbers go out before the report, which takes longer and more room on the disk.
     if not command.json:

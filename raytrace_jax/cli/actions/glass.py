@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 from ...optics import glass
 from ...optics.dispersion import CHANNEL_WAVELENGTHS, LINE_C, LINE_D, LINE_F
-from ...util.text import looks_like_number, parse_number, quoted, value_and_deviation
+from ...util.text import looks_like_number, quoted, value_and_deviation
 from ..console import UsageError, print_table
+from ..options.fits import read_prior
 from ..options.scenes import Glass
 
 CHANNELS = ("red", "green", "blue")
@@ -39,9 +40,8 @@ def print_glasses(found: Sequence[glass.Glass], count: str) -> None:
 
 
 def _with_error(option: str, text: str, form: str) -> tuple[float, float]:
-    value, deviation = value_and_deviation(text)
     try:
-        return parse_number(value.strip()), parse_number((deviation or "").strip())
+        return read_prior(text)
     except ValueError:
         raise UsageError(f"{option} {text}: write a number and its error, as {form}.") from None
 

@@ -3,10 +3,8 @@
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from rich.console import Console
 
 from ...errors import PictureError
@@ -21,7 +19,7 @@ from ...photo.bundle import Measured
 from ...photo.find_camera import calibrate
 from ...photo.flattened import Flattened, flatten
 from ...photo.lens import Turn, read_lens, uncalibrated, write_lens
-from ...photo.locate import Located, PhotoResult, Together, locate_together
+from ...photo.locate import Located, Together, locate_together
 from ...photo.opinions import AGREE, budget, combine, contradictions, shown, together_to_dict
 from ...photo.outline import Disc
 from ...photo.photograph import Photograph
@@ -29,12 +27,13 @@ from ...photo.room_scene import light_options, room_scene, tank_scene, wedge_com
 from ...photo.turned import turned_alike
 from ...report.fit_report.folder import write_pictures
 from ...report.fit_report.summary import write_numbers
+from ...report.panels import save_figure
 from ...report.photo_sheet import draw_photo_sheet, draw_refused
 from ...scene.parameters import scalar_names
 from ...scene.writer import save_scene
 from ...tracer.settings import RenderSettings
 from ...util.digits import with_error
-from ...util.files import atomic_write, json_text, write_text
+from ...util.files import json_text, write_text
 from ..console import UsageError, print_table, print_warning, stderr_console
 from ..options.fits import Calibrate, Photo
 from ..preparation import check_file, check_folder
@@ -47,12 +46,11 @@ from .photo_input import measured_of, photographs_in, warn_of_unmeasured
 def run_calibrate(command: Calibrate) -> int:
     """Find the lens, write it and print its numbers."""
     check_file(command.output)
-    console = stderr_console(quiet=command.quiet)
+    console = stderr_console(command.quiet)
     with Timer("calibrating", console) as timer:
         board = read_board(command.board)
         taken = [photograph for _, photograph in photographs_in(command.photos, command.transfer, board)]
-        photographs = turned_alike(taken, board)
-        found = calibrate(photographs, board)
+        found = calibrate(turned_alike(taken, board), board)
         timer.took("calibrating")
     comment = f"A lens by raytrace-jax calibrate, from {len(found.names)} pictures of {command.board.name}."
     write_lens(command.output, found.lens, found.size, comment)
@@ -74,7 +72,7 @@ def run_photo(command: Photo) -> int:
         raise UsageError("PHOTO: no photograph came, and one or several are wanted.")
     measured, wavelengths = measured_of(command), wavelengths_of(command.wavelengths)
     _check_options(command)
-    console, folder = stderr_console(quiet=command.quiet), command.output
+    console, folder = stderr_console(command.quiet), command.output
     check_folder(folder)
     with Timer("corners", console) as timer:
         board = read_board(command.board)
@@ -83,13 +81,21 @@ def run_photo(command: Photo) -> int:
         files = [folder / f"located{end}.png" for end in _ends(command.photos)]
         for file, image, result in zip(files, images, together.photographs, strict=True):
             if result.reason:
-                with atomic_write(file) as temporary:
-                    draw_refused(image, result).savefig(temporary)
+                save_figure(file, draw_refused(image, result))
         if together.adjusted is None:
             (folder / "located.json").unlink(missing_ok=True)  # Numbers of earlier photographs are not theirs.
             refused = sorted(together.photographs, key=lambda result: result.is_bare)
             raise PictureError("\n".join(result.reason for result in refused))
-        light = [_light_of(command, *both) for both in zip(images, together.photographs, strict=True)]
+        light, without_light = list[Flattened | None](), list[PictureError]()
+        for image, result in zip(images, together.photographs, strict=True):
+            flat = None
+            if result.located and not command.tank:
+                # The corners need no light.
+                try:
+                    flat = flatten(image, result.located)
+                except PictureError as reason:
+                    without_light.append(reason)
+            light.append(flat)
         timer.took("corners")
         colours = measure_colours(command.photos, images, together) if len(wavelengths) == 3 else None
         total = dispersion(*colours.indices(together.located[0].ior), wavelengths) if colours else None
@@ -105,9 +111,7 @@ def run_photo(command: Photo) -> int:
     numbers = together_to_dict(together) | {"provenance": made if len(made) > 1 else made[0]}
     for file, image, result, flat in zip(files, images, together.photographs, light, strict=True):
         if result.located:
-            flat = flat if isinstance(flat, Flattened) else None
-            with atomic_write(file) as temporary:
-                draw_photo_sheet(image, result.located, flat, command.long, otherwise).savefig(temporary)
+            save_figure(file, draw_photo_sheet(image, result.located, flat, command.long, otherwise))
     if colours and total:
         numbers["colours"] = colours_to_dict(colours, total, wavelengths)
     write_text(folder / "located.json", json_text(numbers))
@@ -119,17 +123,15 @@ def run_photo(command: Photo) -> int:
             print(f"The index is that at {wavelengths[0][0]:g} nm.")
         else:
             print("The photographs show no colours apart: the index is that of their mean wavelength.")
-    flats = [flat for flat in light if isinstance(flat, Flattened)]
-    for no_light in light:
-        if isinstance(no_light, PictureError):
-            if command.fit and not flats:
-                raise no_light
-            print_warning(f"{no_light} There is no scene for a fit.")
+    for reason in without_light:
+        if command.fit and not any(light):
+            raise reason
+        print_warning(f"{reason} There is no scene for a fit.")
     for end, result, flat in zip(_ends(command.photos), together.photographs, light, strict=True):
         file = folder / f"scene{end}.txt"
         if result.located and command.tank:
             save_scene(tank_scene(result.located), file, model="physical", comments=wedge_comment(result.located))
-        elif result.located and isinstance(flat, Flattened):
+        elif result.located and flat:
             own = np.eye(len(result.located.covariance))
             room = room_scene([result.located], [flat], [own], result.located.covariance)
             save_scene(room.scene, file, model="physical")
@@ -150,22 +152,17 @@ def _check_options(command: Photo) -> None:
         raise UsageError("--fit: is for a ball in air, and --in came.")
 
 
-def _light_of(
-    command: Photo, image: Float[np.ndarray, "3 height width"], result: PhotoResult
-) -> Flattened | PictureError | None:
-    """The photograph without the light of its room, or why not, for the corners need none; None without a ball."""
-    if result.located is None or command.tank:
-        return None
-    try:
-        return flatten(image, result.located)
-    except PictureError as no_light:
-        return no_light
-
-
 def _in_words(otherwise: Sequence[Contradiction], several: bool, folder: Path) -> str:
     """What the photographs contradict, and what to do."""
-    sizes = {"radius": "ball", "thickness": "tank", "wall": "walls", "wall_index": "walls", "liquid": "liquid"}
-    sizes |= {"wedge.x": "tank", "wedge.y": "tank"}
+    sizes = {
+        "radius": "ball",
+        "thickness": "tank",
+        "wall": "walls",
+        "wall_index": "walls",
+        "liquid": "liquid",
+        "wedge.x": "tank",
+        "wedge.y": "tank",
+    }
     ways = list(dict.fromkeys(f"measure {sizes[one.name]} and ruler again" for one in otherwise if one.name in sizes))
     ways += ["calibrate with this zoom and focus, and cut no picture"] * any(one.name not in sizes for one in otherwise)
     sheet = folder / ("located*.png" if several else "located.png")
@@ -184,29 +181,31 @@ def _ends(paths: Sequence[Path]) -> list[str]:
     return [f"_{stem}" if stems.count(stem) == 1 else f"_{stem}_{k + 1}" for k, stem in enumerate(stems)]
 
 
-def _fit_light(
-    command: Photo, together: Together, light: Sequence[Flattened | PictureError | None], console: Console
-) -> int:
+def _fit_light(command: Photo, together: Together, light: Sequence[Flattened | None], console: Console) -> int:
     """Fit the light of all photographs that have some, print what it says beside the corners, and write the report."""
     assert together.adjusted is not None, "a ball is found"
     # Those with a ball come first among the adjusted ones, in their order.
     of_located = [flat for result, flat in zip(together.photographs, light, strict=True) if result.located]
     all_seen = zip(together.located, of_located, together.adjusted.chains, strict=False)
-    seen = [(located, flat, chain) for located, flat, chain in all_seen if isinstance(flat, Flattened)]
+    seen = [(located, flat, chain) for located, flat, chain in all_seen if flat]
     balls, pictures, chains = zip(*seen, strict=True)
     room = room_scene(balls, pictures, chains, together.adjusted.covariance)
     flats = dict(zip(room.scene.cameras, pictures, strict=True))
-    targets, weights = (
-        {name: each(flat) for name, flat in flats.items()}
-        for each in (lambda flat: flat.image, lambda flat: flat.counts.astype(float))
-    )
+    targets = {name: flat.image for name, flat in flats.items()}
+    weights = {name: flat.counts.astype(float) for name, flat in flats.items()}
     settings = {name: RenderSettings(crop=flat.grid.window) for name, flat in flats.items()}
-    located = together.located[0]
     with FitProgress(scalar_names(room.scene, room.free), console, command.verbose) as show:
-        told: dict[str, Any] = {"on_step": show.step, "on_phase": show.phase}
-        options = light_options(room)
-        told |= {"weights": weights, "shown": room.shown}
-        result = fit(room.scene, targets, room.free, settings, options=options, **told)
+        result = fit(
+            room.scene,
+            targets,
+            room.free,
+            settings,
+            options=light_options(room),
+            weights=weights,
+            shown=room.shown,
+            on_step=show.step,
+            on_phase=show.phase,
+        )
     text = write_numbers(result, command.output)
     both, came_to_rest = combine(room, result), result.status in ("converged", "model_incomplete")
     write_text(command.output / "joined.json", json_text(both._asdict()))
@@ -222,7 +221,7 @@ def _fit_light(
         else:
             print(last_word(result))
         index = result[room.glass[0]]
-        indices = {"corners": located.ior, "light": (index.value, index.error), "both": both.ior}
+        indices = {"corners": together.located[0].ior, "light": (index.value, index.error), "both": both.ior}
         rows = [(by, with_error(*index, command.long)) for by, index in indices.items()]
         print_table("the index", ("by", "estimate"), rows)
         print(command.output, flush=True)

@@ -75,8 +75,12 @@ def _sizes_of(command: Photo) -> dict[str, tuple[float, float]]:
 
 def warn_of_unmeasured(command: Photo) -> None:
     """Tell which lengths count as exact, and that a ruler was not measured."""
-    examples = {"--radius": "24.55+-0.01mm", "--tank": "60.2+-0.05mm", "--wall": "3+-0.1mm,1.49"}
-    examples |= {"--ruler": "99.93+-0.03mm"}
+    examples = {
+        "--radius": "24.55+-0.01mm",
+        "--tank": "60.2+-0.05mm",
+        "--wall": "3+-0.1mm,1.49",
+        "--ruler": "99.93+-0.03mm",
+    }
     for option, (length, off) in _sizes_of(command).items():
         if length and not off:
             share = "0.1 mm" if option == "--wall" else "0.1 %"

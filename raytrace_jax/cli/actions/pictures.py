@@ -12,13 +12,13 @@ from ...report.derivatives import DerivativeCheck, check_derivative, draw_gradie
 from ...report.differences import Differences, steady_differences
 from ...report.films import how_made, screen_transfer, write_derivatives
 from ...report.gallery import GALLERIES, Variant, draw_gallery, render_gallery
-from ...report.panels import as_pixels
+from ...report.panels import as_pixels, save_figure
 from ...scene.bundled import bundled_scenes
 from ...scene.parameters import parse_assignment, scalar_names, set_parameters
 from ...scene.scene import Scene
 from ...tracer.rendering import PictureDerivatives, picture_derivatives, render
 from ...util.digits import evenly_spaced
-from ...util.files import atomic_write, json_text
+from ...util.files import json_text
 from ...util.text import parse_number
 from ..console import UsageError, print_table, print_warning, stderr_console
 from ..options import RenderOptions, split_assignment
@@ -78,8 +78,7 @@ def run_grad(command: Grad) -> int:
         look |= {"differences": differences.values, "verdicts": words}
         look["caption"] = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
         numbers = check_numbers(found, differences, checks)
-    with atomic_write(png_path) as temporary:
-        draw_gradients(found, **look).savefig(temporary)
+    save_figure(png_path, draw_gradients(found, **look))
     if command.json:
         told: dict[str, object] = {"output": command.output, "png": png_path, "parameters": found.names}
         if numbers:
@@ -143,8 +142,7 @@ def run_gallery(command: Gallery) -> None:
             pictures.append(found)
             timer.took(f"picture {len(pictures)}/{len(gallery.variants)}, {variant.name.replace('_', ' ')},")
     sheet = command.output / "gallery.png"
-    with atomic_write(sheet) as temporary:
-        draw_gallery(titles, pictures, gallery.columns, transfer).savefig(temporary)
+    save_figure(sheet, draw_gallery(titles, pictures, gallery.columns, transfer))
     print(*written, sheet, sep="\n")
 
 
@@ -168,8 +166,7 @@ def run_sweep(command: Sweep) -> None:
     timer.took(f"rendering {len(frames)} frames")
     if command.label:
         frames = animation.label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])
-    back = frames[-2:0:-1] if command.bounce else []
-    shown = [*frames, *back]
+    shown = frames + frames[-2:0:-1] if command.bounce else frames
     animation.write_animation(command.output, shown, command.fps or min(20, max(1, round(len(shown) / SECONDS))))
     print(command.output)
 

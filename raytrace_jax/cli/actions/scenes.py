@@ -140,8 +140,10 @@ def run_info(command: Info) -> None:
 
 
 def run_scenes(command: Scenes) -> None:
-    firsts = {name: path.read_text(encoding="utf-8-sig").split("\n", 1)[0] for name, path in bundled_scenes().items()}
-    rows = [(name, firsts[name].lstrip("#/ "), str(path)) for name, path in bundled_scenes().items()]
+    rows = [
+        (name, path.read_text(encoding="utf-8-sig").split("\n", 1)[0].lstrip("#/ "), str(path))
+        for name, path in bundled_scenes().items()
+    ]
     print_table("scenes", ("name", "what", "file"), rows)
 
 
@@ -155,8 +157,7 @@ def _what(scene: Scene, block: Block) -> str:
 def run_export(command: Export) -> None:
     check_file(command.output)
     scene, settings = read_picture_scene(command)
-    lost = export_scene(scene, command.output, command.to, settings)
-    _wrote(command, lost, "not in the file, or otherwise there")
+    _wrote(command, export_scene(scene, command.output, command.to, settings), "not in the file, or otherwise there")
 
 
 def run_import(command: Import) -> None:

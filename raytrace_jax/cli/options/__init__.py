@@ -40,6 +40,7 @@ def output(metavar: str, text: str | None = None) -> object:
     return arg(aliases=["-o"], metavar=metavar, help=text)
 
 
+CameraName = Annotated[str | None, arg(metavar="NAME")]
 OutputFolder = Annotated[Path, output("DIR", "The folder to write; it is made if it is missing.")]
 OutputExr = Annotated[Path, output("OUT.exr")]
 
@@ -110,7 +111,7 @@ class SceneOptions(CommandOptions):
 class PictureCommand(SceneOptions):
     """A scene whose pictures have these settings."""
 
-    camera: Annotated[str | None, arg(metavar="NAME")] = None
+    camera: CameraName = None
     """The camera whose picture it is, where the scene has several. Without it the file's first one."""
     quiet: Quiet = False
     render: RenderOptions = RenderOptions()

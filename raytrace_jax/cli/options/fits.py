@@ -15,6 +15,9 @@ from ..console import UsageError
 
 T = TypeVar("T")
 
+Length = Annotated[str | None, arg(metavar="LENGTH")]
+MeasuredLength = Annotated[str | None, arg(metavar="LENGTH+-SD")]
+
 FIT_TEXTS = field_texts(FitOptions)
 """The help of options that the command line takes as texts, by the names of what is made of these."""
 
@@ -143,8 +146,9 @@ class Fit(shared.PictureCommand):
             UsageError: two of one camera, one of which it is unclear what has seen it, or an unknown transfer.
         """
         targets = by_camera("the target", self.target, cameras, common=False)
-        options = ((name, getattr(self, name)) for name in ("mask", "transfer", "layer"))
-        masks, transfers, layers = (by_camera(f"--{name}", texts, cameras) for name, texts in options)
+        masks, transfers, layers = (
+            by_camera(f"--{name}", getattr(self, name), cameras) for name in ("mask", "transfer", "layer")
+        )
         if unknown := [text for text in transfers.values() if text not in TRANSFERS]:
             raise UsageError(f"--transfer {unknown[0]}: {' or '.join(TRANSFERS)} is wanted.")
         return {
@@ -159,11 +163,13 @@ class Fit(shared.PictureCommand):
 
     def fit_options(self) -> FitOptions:
         """All options of the fit. Raises UsageError where a text is not written as its option wants it."""
-        ties = by_name("tie", self.tie, "NAME=FREE, as cyan.ior=vitreous.ior", str)
-        priors = by_name("prior", self.prior, "NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01", read_prior)
         form = "NAME=SD or NAME=SHARE%, as vitreous.radius=0.002 or cam1=0.1%"
-        uncertain = by_name("uncertain", self.uncertain, form, read_uncertain)
-        changes = {"ties": ties, "priors": priors, "uncertain": uncertain, "profiles": self.profile}
+        changes = {
+            "ties": by_name("tie", self.tie, "NAME=FREE, as cyan.ior=vitreous.ior", str),
+            "priors": by_name("prior", self.prior, "NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01", read_prior),
+            "uncertain": by_name("uncertain", self.uncertain, form, read_uncertain),
+            "profiles": self.profile,
+        }
         return FitOptions(**vars(self.fit) | changes)
 
 
@@ -204,12 +210,12 @@ class Board(shared.CommandOptions):
     """The board: a PDF to print, or with --screen a PNG to show. Missing folders are made."""
     paper: PaperName | None = None
     """The paper of a PDF, which lies on its longer side. Without it a4."""
-    square: Annotated[str | None, arg(metavar="LENGTH")] = None
+    square: Length = None
     """The side of a square, as 10mm, 1cm or 0.4in; on a screen the nearest of whole pixels. Without it 10mm, on a
     screen the smallest from there on that can fill it."""
     squares: Annotated[tuple[int, int] | None, arg(metavar="C R")] = None
     """How many columns and rows of squares. Without it as many as fit."""
-    screen: Annotated[str | None, arg(metavar="LENGTH")] = None
+    screen: Length = None
     """The diagonal of the screen that will show the PNG, as 27in."""
     pixels: Annotated[tuple[int, int] | None, arg(metavar="W H")] = None
     """The screen's own width and height in pixels."""
@@ -264,13 +270,13 @@ class Photo(PhotoOptions):
     Example: raytrace-jax photo tank.jpg --board board.txt --tank 60+-0.1mm --wall 3+-0.1mm,1.49 -o result
     """
 
-    radius: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
+    radius: MeasuredLength = None
     """The ball's radius and how well it is known, as 20mm or 20+-0.01mm. The index depends on it: 0.1 % of the radius
     is 0.002 of the index or so."""
     liquid: Annotated[str | None, arg(name="in", metavar="INDEX+-SD")] = None
     """The index of a liquid in which ball and board lie, as 1.333+-0.001. The camera is outside, and the surface of the
     liquid is flat and parallel to the board. Of one photograph."""
-    tank: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
+    tank: MeasuredLength = None
     """In place of a radius the thickness of a tank, from the outside of one wall to that of the other, as 60+-0.1mm."""
     wall: Annotated[str | None, arg(metavar="LENGTH+-SD,INDEX")] = None
     """Thickness and index of each of the tank's walls, as 3+-0.05mm,1.49; 0mm is a tank without walls. It is wanted
@@ -282,7 +288,7 @@ class Photo(PhotoOptions):
     camera: Annotated[Path | None, arg(metavar="CAMERA.txt")] = None
     """The lens, as `raytrace-jax calibrate` writes it; it is turned as EXIF says that the camera was. Without it the
     photograph itself has to tell, with its EXIF."""
-    ruler: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
+    ruler: MeasuredLength = None
     """What the ruler of 100 mm on the board measures, as 99.9+-0.05mm: printers scale. Without it the ruler
     counts as 100+-0.1mm."""
     wavelengths: Annotated[str | None, arg(metavar="R+-SD,G+-SD,B+-SD")] = None

@@ -36,7 +36,7 @@ class Render(shared.PictureCommand):
 
     output: shared.OutputExr
     """The picture to write: OUT.exr (and OUT.png beside it), or OUT.png alone. Missing folders are made."""
-    camera: Annotated[str | None, arg(metavar="NAME")] = None
+    camera: shared.CameraName = None
     """The camera whose picture it is. Without it a scene of several cameras gives a picture of each, as OUT_left.exr.
     """
     half: bool = False

@@ -140,8 +140,7 @@ def draw_corner(axes: np.ndarray, result: FitResult, columns: Sequence[int]) -> 
             _draw_density(ax, result, column)
     # In the empty triangle; the layout needs no place for it.
     where = {"loc": "upper right", "bbox_to_anchor": (1, 1), "bbox_transform": axes[0, -1].transAxes}
-    legend = axes[0, 0].legend(*axes[1, 0].get_legend_handles_labels(), **where)
-    legend.set_in_layout(False)
+    axes[0, 0].legend(*axes[1, 0].get_legend_handles_labels(), **where).set_in_layout(False)
 
 
 def _deviations(result: FitResult, axis: str, column: int, outer: bool) -> dict[str, object]:
@@ -186,8 +185,8 @@ def _draw_ellipse(ax: Axes, result: FitResult, pair: tuple[int, int]) -> None:
 
 def draw_profile(ax: Axes, result: FitResult, profile: Profile) -> None:
     """Draw chi-square against a parameter's deviation, with its 95 % interval and the standard error's parabola."""
-    column = result.names.index(profile.name)
-    value, error = float(result.value[column]), float(result.standard_error[column])
+    estimate = result[profile.name]
+    value, error = estimate.value, estimate.standard_error
     exponent = _exponent(float(np.abs(profile.value[[0, -1]] - value).max()))
     unit = 10.0**exponent
     deviation = (profile.value - value) / unit
@@ -211,7 +210,7 @@ def draw_profile(ax: Axes, result: FitResult, profile: Profile) -> None:
 
 def interval_text(result: FitResult, profile: Profile) -> str:
     """The 95 % interval of a profile in words."""
-    error = float(result.standard_error[result.names.index(profile.name)])
+    error = result[profile.name].standard_error
     ends = [typeset(value_and_error(end, error)[0]) for end in profile.interval]
     lower, upper = np.isfinite(profile.interval)
     if lower:

@@ -187,5 +187,6 @@ def _draw_pictures(axes: Sequence[Axes], result: FitResult, camera: str) -> None
 def screen_pictures(result: FitResult) -> dict[str, np.ndarray]:
     """The 8-bit pixels of target, start and fit; a fit that was stopped has not rendered all."""
     images = {"target": result.target, "start": result.start_image, "fit": result.image}
-    transfer = screen_transfer(result.settings)
-    return {name: as_pixels(image, transfer) for name, image in images.items() if image is not None}
+    return {
+        name: as_pixels(image, screen_transfer(result.settings)) for name, image in images.items() if image is not None
+    }

@@ -16,7 +16,7 @@ from ...inverse.result import FitResult, Minimum
 from ...inverse.result_file import SCENE_FILE, save_record
 from ...util.files import atomic_write, read_bytes, write_text
 from ..films import how_made
-from ..panels import SIGNED, page_template, signed_pixels
+from ..panels import SIGNED, page_template, save_figure, signed_pixels
 from . import summary
 from .curves import corner_columns
 from .figure import COLOURS, ResidualMap, Sheet, draw_report, embed, residual_of, screen_pictures
@@ -50,17 +50,24 @@ def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool
         sheet.image.reduce(2).save(temporary, "PNG", compress_level=1)
     if pdf:
         # Journals want fonts of type 42, which is TrueType; without a date the same fit gives the same file.
-        with atomic_write(folder / "report.pdf") as temporary, matplotlib.rc_context({"pdf.fonttype": 42}):
-            sheet.figure.savefig(temporary, metadata={"CreationDate": None})
+        with matplotlib.rc_context({"pdf.fonttype": 42}):
+            save_figure(folder / "report.pdf", sheet.figure, metadata={"CreationDate": None})
     with atomic_write(folder / "report.html") as temporary:
         temporary.write_text(render_page(result, scene_text, sheet, long), encoding="utf-8")
 
 
 def provenance_rows(result: FitResult) -> list[tuple[str, str]]:
     """The origin of a fit: its target, command, date and time."""
-    labels = {"target": "target", "target_size": "its size [pixels]", "target_bytes": "its file [bytes]"}
-    labels |= {"target_sha256": "SHA-256 of it", "command": "command", "date": "date"}
-    labels |= {"seconds": "time to the last step [s]", "stages": "time by stage"}
+    labels = {
+        "target": "target",
+        "target_size": "its size [pixels]",
+        "target_bytes": "its file [bytes]",
+        "target_sha256": "SHA-256 of it",
+        "command": "command",
+        "date": "date",
+        "seconds": "time to the last step [s]",
+        "stages": "time by stage",
+    }
     known = summary.provenance_of(result)
     stages = "; ".join(f"{stage}: {seconds:.3g} s" for stage, seconds in known["stages"].items())
     sizes = [summary.facts(view)["pixels"][0] + summary.place_words(view) for view in result.views.values()]

@@ -120,16 +120,18 @@ def alone_table(result: FitResult, long: bool = False) -> list[tuple[str, list[s
     The last row is of all views together. It is empty where nothing is known of the views.
     """
     together = ViewAlone("all together", result.value, result.standard_error)
+    rows = [(camera, np.stack(numbers, axis=1)) for camera, *numbers in (*result.alone, together) if result.alone]
     return [
-        (camera, [_alone_text(*numbers, long) for numbers in zip(value.tolist(), error.tolist(), strict=True)])
-        for camera, value, error in (*result.alone, together)
-        if result.alone
+        # A view may give any value to what it does not determine.
+        (
+            camera,
+            [
+                error_text(error) if math.isinf(error) else estimate_line(value, error, long)
+                for value, error in numbers.tolist()
+            ],
+        )
+        for camera, numbers in rows
     ]
-
-
-def _alone_text(value: float, error: float, long: bool) -> str:
-    # A view may give any value to what it does not determine.
-    return error_text(error) if math.isinf(error) else estimate_line(value, error, long)
 
 
 def place_words(result: FitResult) -> str:
