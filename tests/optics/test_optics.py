@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from raytrace_jax import optics
+from raytrace_jax.optics.fresnel import reflected_share
 
 # Each is one program, not one for each of its operations.
 fresnel_schlick, reflect, refract = map(jax.jit, (optics.fresnel_schlick, optics.reflect, optics.refract))
@@ -156,3 +157,21 @@ def test_zero_footprints_refract_as_points():
     passes = ~point[2]
     for area, one in zip(refract(d, n, eta, jnp.zeros(COUNT)), point, strict=True):
         np.testing.assert_allclose(area[..., passes], one[..., passes], atol=1e-12)
+
+
+@pytest.mark.parametrize("off", [-0.7, -0.3, 0.0, 0.3, 0.7, 2.0])
+def test_a_share_over_a_range_is_its_mean_also_about_the_critical_angle(off):
+    """The range of the squared cosine lies so many of its widths before the critical angle."""
+    width, eta, step = 2e-3, 1 / 1.5, 2e-5
+    squared = 1 - eta**2 + width * (off + (np.arange(4000) + 0.5) / 4000 - 0.5)
+
+    def share(eta):
+        middle = jnp.sqrt(jnp.array([1 - (1 / 1.5) ** 2 + off * width]))
+        return reflected_share(middle, eta * jnp.ones(1), jnp.array([width]))[0]
+
+    mean, after, before = (
+        np.mean(reflected_share(jnp.sqrt(squared), jnp.full(4000, eta + s * step))) for s in (0, 1, -1)
+    )
+    assert abs(share(eta) - mean) < 0.01
+    for slope in (jax.grad(share)(eta), jax.jvp(share, (eta,), (1.0,))[1]):
+        np.testing.assert_allclose(slope, (after - before) / (2 * step), rtol=0.1, atol=1e-9)

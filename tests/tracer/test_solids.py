@@ -209,7 +209,7 @@ def test_an_aware_picture_of_a_solid_is_the_pixel_mean(name):
         for how in ({"edges": "aware"}, {"samples": 24}, {})
     )
     assert np.sqrt(np.mean((aware - fine) ** 2)) < 0.13 * np.sqrt(np.mean((point - fine) ** 2))
-    assert np.max(np.abs(aware - fine)) < 0.45
+    assert np.max(np.abs(aware - fine)) < 0.3
 
 
 SHADOW = """settings main { model physical mapping center max_bounces 0 }
@@ -228,7 +228,7 @@ def test_it_casts_the_shadow_of_its_points(name):
         np.asarray(render(scene, RenderSettings(**how)).image) for how in ({}, {"edges": "aware"}, {"samples": 16})
     )
     # The face of the half disc that was cut is a strip narrower than a pixel, which one edge does not tell.
-    assert np.sqrt(np.mean((aware - fine) ** 2)) < 0.4 * np.sqrt(np.mean((point - fine) ** 2))
+    assert np.sqrt(np.mean((aware - fine) ** 2)) < 0.3 * np.sqrt(np.mean((point - fine) ** 2))
     # Brute force: a point of the ground is dark where any point of its way to the lamp is inside.
     shapes = scene_shapes(scene, SETTINGS)
     u, v = np.meshgrid(np.linspace(-3, 3, 30), np.linspace(-3, 2, 30))
@@ -255,7 +255,7 @@ def test_a_lamp_within_shines_on_what_is_within(name):
 
 
 GLASS = """settings main { model physical mapping center max_bounces 8 }
-camera eye { pixeldim 32 24 viewpoint 1.1 0.8 4.6 lookat 0.1 -0.05 -0.3 fov 34 }
+camera eye { pixeldim 32 24 viewpoint 1.1 0.8 4.6 lookat 0.1 -0.05 -0.3 up 0.4 1 0.02 fov 34 }
 texture squares { kind checker color1 0.1 0.15 0.25 color2 0.9 0.85 0.8 square 1.1 offset 0.13 0.07 }
 material board { emission 1 1 1 texture squares }
 rectangle backdrop { material board center 0 0 -2.6 right 6 0 0 up 0 6 0 }
@@ -277,10 +277,23 @@ def test_derivatives_of_glass_solids_are_differences(name):
     names = [f"body.{number}" for number in NUMBERS[name]]
     found = picture_derivatives(scene, names, RenderSettings(edges="aware"))
     for own, values in zip(names, found.values, strict=True):
-        step = 0.15 if own.endswith("apex") else 0.008
-        reference = finite_differences(scene, [own], RenderSettings(), step=step, samples=40)[0]
+        # No edge is parallel to the pixels' sides: each crosses several samples on its way.
+        step = 0.1 if own.endswith("apex") else 0.005
+        reference = finite_differences(scene, [own], RenderSettings(), step=step, samples=48)[0]
         assert correlation(values, reference) > 0.95, own
-        assert relative_error(values, reference) < 0.35, own
+        assert relative_error(values, reference) < 0.33, own
+
+
+@pytest.mark.optimized
+def test_a_corner_has_no_ghost_beside_it():
+    """Pixels with a corner in them are looked at in parts: three faces meet there, and no single edge cuts them."""
+    head = GLASS.replace("32 24", "48 36").replace("fov 34", "fov 37")
+    scene = scene_of("box", "transmission 1 ior 1.5", head)
+    aware, fine, point = (
+        np.asarray(render(scene, RenderSettings(**how)).image) for how in ({"edges": "aware"}, {"samples": 16}, {})
+    )
+    assert np.sqrt(np.mean((aware - fine) ** 2)) < 0.025 * np.sqrt(np.mean((point - fine) ** 2))
+    assert np.max(np.abs(aware - fine)) < 0.04
 
 
 def test_no_derivative_of_a_solid_is_nan():
