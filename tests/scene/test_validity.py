@@ -209,5 +209,6 @@ def test_indistinct_glass_is_warned_of(shapes, eye, told):
     text = f"""camera eye {{ pixeldim 8 6 viewpoint 0 0 {eye} lookat 0 0 -5 }} background sky {{ radiance 1 1 1 }}
     material crown {{ transmission 1 ior 1.5 }} material air {{ transmission 1 ior 1 }}
     material mirror {{ reflectivity 1 }} {ball("ball", "crown", 1)} {" ".join(shapes)}"""
+    assert not indistinct_glass(parse_scene(text.split("material")[0], model="physical"))  # Without shapes.
     found = indistinct_glass(parse_scene(text, model="physical", dtype=np.float64))
     assert len(found) == bool(told) and all(sentence.startswith(told) for sentence in found)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, render, set_parameters
+from raytrace_jax import RenderSettings, load_scene, parse_scene, picture_derivatives, render, set_parameters
 from raytrace_jax.report.differences import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
@@ -294,6 +294,14 @@ def test_a_corner_has_no_ghost_beside_it():
     )
     assert np.sqrt(np.mean((aware - fine) ** 2)) < 0.025 * np.sqrt(np.mean((point - fine) ** 2))
     assert np.max(np.abs(aware - fine)) < 0.04
+
+
+@pytest.mark.slow
+@pytest.mark.optimized
+def test_a_face_seen_along_itself_is_met_nowhere_far_away():
+    """Of this scene's liquid a footprint sees a flat end from above at its middle and along itself at its part's."""
+    settings = RenderSettings(size=(896, 504), edges="aware", crop=(694, 369, 8, 8))
+    assert np.all(np.isfinite(render(load_scene("bench"), settings).image))
 
 
 def test_no_derivative_of_a_solid_is_nan():
