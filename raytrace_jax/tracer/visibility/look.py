@@ -193,10 +193,11 @@ def look(
     # Where the near ray hits.
     fixed_near, fixed_shape = stop_gradient((near, surface.shape))
     t = by_type(fixed_shape, lambda shape_type: shape_type.distance(fixed_near, fixed_shape, nearest.outside))
-    # A flat face that is seen along itself it may meet anywhere: what the linear distance does not tell is left out.
-    moves = jnp.sum(jnp.abs(surface.approach.slope), 0)
-    known = surface.curved | ((t > 0) & (jnp.abs(t - nearest.t) <= moves))
-    t = jnp.where(cuts & known, t, nearest.t)
+    t = jnp.where(cuts, t, nearest.t)
+    if shapes.axis is not None:
+        # A face that is seen along itself it may meet anywhere: what the linear distance does not tell is left out.
+        moves = jnp.sum(jnp.abs(surface.approach.slope), 0)
+        t = jnp.where(surface.curved | ((t > 0) & (jnp.abs(t - nearest.t) <= moves)), t, nearest.t)
     # Near a silhouette the hit lies as deep inside of it as the centroid of the near part, g = depth. As the half chord
     # is sqrt(2 r g), the cosine there is sqrt(2 depth / r). The shifted ray is only linear and may come closer to the
     # rim, where its derivative would run off to infinity: half of this cosine is the least to divide by.
