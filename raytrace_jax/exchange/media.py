@@ -15,7 +15,7 @@ from ..tracer.geometry.intersection import SurfaceInteraction
 from ..tracer.geometry.rays import NO_SHAPE, Integers, Vectors
 from ..tracer.geometry.shape_types import all_faces
 from ..tracer.geometry.shapes import Faces, Shapes, surface_normal
-from ..tracer.geometry.solid import chord, inwards, is_inside
+from ..tracer.geometry.solid import chord, is_inside, middles
 from ..tracer.settings import ResolvedSettings
 from ..tracer.shading.physical import innermost, media_at
 from ..tracer.world import World, prepare_world
@@ -101,9 +101,7 @@ def _asked(scene: Scene, settings: ResolvedSettings) -> tuple[World, Vectors, li
 def _exits(shapes: Shapes, d: Vectors) -> tuple[Vectors, Vectors]:
     """Where rays from within each shape leave it, and its normals there, one column a shape; of flat ones anything."""
     count, faces = len(shapes.types), len(shapes.radius)
-    counts = np.subtract(shapes.ends, shapes.starts)
-    owners = np.repeat(np.arange(count), counts)
-    middle = jax.ops.segment_sum(inwards(shapes).T, owners, count).T / jnp.asarray(counts, d.dtype)
+    owners, middle = shapes.owners, middles(shapes)
     each = jax.tree.map(lambda column: column[..., None, :], shapes)
     o, lines = jnp.broadcast_arrays(middle[:, None, owners], d)
     far = chord(o, lines, each, "any").far

@@ -12,7 +12,7 @@ from ..scene.slabs import with_planes
 from ..util.compilation import jit
 from .geometry.shape_types import SHAPE_TYPES, face_owners, scene_shapes
 from .geometry.shapes import Shapes, surface_value
-from .geometry.solid import inwards
+from .geometry.solid import middles
 from .settings import ResolvedSettings, resolve_settings
 
 
@@ -39,8 +39,7 @@ def _in_view(given: Scene) -> list[str]:
     ]
 
     rows, owners = _lengths(shapes, np.asarray(scene.camera.viewpoint), length), face_owners(given)
-    shape_of = np.repeat(np.arange(len(blocks)), np.subtract(shapes.ends, shapes.starts))
-    pairs = set()
+    pairs, shape_of = set(), shapes.owners
     for i, j in KDTree(rows).query_pairs(least):
         a, b = sorted((shape_of[i], shape_of[j]))
         # Two planes of a slab coincide where it has no wall, which is drawn as it is.
@@ -62,12 +61,9 @@ def _heights(scene: Scene, settings: ResolvedSettings) -> tuple[Shapes, Float[Ar
     Far from a shape it is only the sign that counts; a plane's middle is its point.
     """
     shapes = scene_shapes(scene, settings)
-    parts = list(zip(shapes.starts, shapes.ends, strict=True))
-    points = [*(inwards(shapes)[:, start:end].mean(axis=1) for start, end in parts), scene.camera.viewpoint]
-    values = jax.vmap(lambda p: surface_value(jnp.broadcast_to(p[:, None], shapes.normal.shape), shapes))(
-        jnp.stack(points)
-    )
-    return shapes, jnp.stack([values[:, start:end].max(axis=1) for start, end in parts], axis=1)
+    points = jnp.concatenate([middles(shapes), scene.camera.viewpoint[:, None]], axis=1)
+    values = jax.vmap(lambda p: surface_value(jnp.broadcast_to(p[:, None], shapes.normal.shape), shapes))(points.T)
+    return shapes, jax.ops.segment_max(values.T, shapes.owners, len(shapes.types)).T
 
 
 def _lengths(shapes: Shapes, eye: np.ndarray, length: float) -> np.ndarray:

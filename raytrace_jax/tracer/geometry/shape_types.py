@@ -183,4 +183,4 @@ def scene_shapes(scene: Scene, settings: ResolvedSettings) -> Shapes:
 
 
 shapes_of_numbers = jit(scene_shapes, static_argnames="settings")
-"""The same as one program, where nothing around it is: by single operations it takes seconds."""
+"""`scene_shapes` as a program of its own, for who is in none: by single operations it takes seconds."""

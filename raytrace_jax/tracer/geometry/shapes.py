@@ -66,6 +66,11 @@ class Shapes(eqx.Module):
         return (*self.starts, len(self.radius))[1:]
 
     @property
+    def owners(self) -> Int[np.ndarray, " faces"]:
+        """The place of each face's shape among all shapes."""
+        return np.repeat(np.arange(len(self.types)), np.subtract(self.ends, self.starts))
+
+    @property
     def is_met(self) -> Flags | bool:
         return True if self.hidden is None else ~self.hidden
 
@@ -218,10 +223,11 @@ class Sighting(NamedTuple):
     outside: Flags  # It is a solid that is seen from outside of it.
     centered: Flags  # The footprint's centre meets it, not only a part beyond its edge.
     # The places in the shape of the face that is met and of those in which it ends, -1 for none: at a crease the shape
-    # goes on, on its outline it does not. From inside there is no outline; in its place stands a second crease.
+    # goes on. The far edge is that with a face by which rays leave: from outside the outline, past which the shape does
+    # not go on; from inside a second crease.
     face: Integers | int = 0
     crease: Integers | int = -1
-    outline: Integers | int = -1
+    far_edge: Integers | int = -1
 
 
 class CuttingPlane(NamedTuple):

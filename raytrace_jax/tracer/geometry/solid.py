@@ -21,7 +21,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from ...util.compilation import jit
 from ...util.numerics import TINY_32, away_from_zero, dot, safe_normalize, safe_sqrt, select, vectors_to
@@ -174,12 +174,12 @@ def see(
     """The meeting of each footprint with one solid. Where its centre just misses the rim, a part of it still may."""
     way = passage(kinds, rays, faces, index, least)
     (t, seen), outside = meeting(way, rays, faces, least), ~way.within
-    crease = outline = -1
+    crease = far_edge = -1
     nears, fars = [each.near for each in way.chords], [-each.far for each in way.chords]
     (other_in, before), (other_out, behind) = largest(nears, way.first), largest(fars, way.last)
     if len(faces) > 1:
         crease = jnp.where(outside, before, behind)
-        outline = jnp.where(outside, largest(fars, way.first)[1], largest(fars, way.last, behind)[1])
+        far_edge = jnp.where(outside, largest(fars, way.first)[1], largest(fars, way.last, behind)[1])
 
     # What the centre misses is beyond an edge of the face that comes last.
     face = chosen(faces, way.first)
@@ -194,9 +194,9 @@ def see(
         # It is beyond no more than one: without the face by which it would enter it meets the solid, or without that by
         # which it would leave.
         misses = misses & ((other_in < way.t_out) | (way.t_in < -other_out))
-        misses = misses & shapes.is_within(border(rays, face, way.t_in, True, chosen(faces, outline), True))
+        misses = misses & shapes.is_within(border(rays, face, way.t_in, True, chosen(faces, far_edge), True))
     t, outside = jnp.where(misses, first, t), outside | misses
-    return shapes.Sighting(t, seen | misses, outside, seen, face_met(way), crease, outline)
+    return shapes.Sighting(t, seen | misses, outside, seen, face_met(way), crease, far_edge)
 
 
 def chosen(values: Sequence[T], place: Integers | int) -> T:
@@ -295,6 +295,13 @@ def clearance(kinds: Sequence[Kind], o: Vectors, light: Vector, faces: Faces, un
 def inwards(face: Shapes) -> Vectors:
     """A point of each face, of a flat one a little behind it: the mean of all faces of a solid is inside of it."""
     return face.position - 0.3 * jnp.where(jnp.isfinite(face.size), face.size, 0) * face.normal
+
+
+def middles(shapes: Shapes) -> Float[Array, "3 _"]:
+    """A point inside of each shape of a scene; of a plane one on it."""
+    count = len(shapes.types)
+    sums = jax.ops.segment_sum(inwards(shapes).T, shapes.owners, count).T
+    return sums / jnp.asarray(np.subtract(shapes.ends, shapes.starts), sums.dtype)
 
 
 @functools.partial(jit, static_argnames="kinds")
